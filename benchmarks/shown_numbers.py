@@ -205,7 +205,7 @@ def _on_page(place: Path, manifest: Mapping[str, Any]) -> Iterator[str]:
     told = [
         one
         for one in surfaces.on_page(page.read_text(encoding="utf-8"))
-        if one.name in values or one.name.startswith("spots[")
+        if one.name in values or one.name.startswith(("spots[", "regions["))
     ]
     yield from held_against(iter(told), manifest)
 

@@ -33,7 +33,7 @@ addEventListener("unhandledrejection", event => seen.push("promise: " + event.re
 LOOKER = """<script>(async () => {
 let found = {};
 try {
-  const {viewer, panel} = await medialisViewer.ready;
+  const {viewer, panel} = await medialisViewer.ready.catch(FAILED);
   const $ = id => document.getElementById(id);
   const set = (id, value) => { $(id).value = value; $(id).dispatchEvent(new Event("input")); };
   const differ = (a, b) => a.reduce((sum, x, i) => sum + (x !== b[i]), 0) / a.length;
@@ -54,8 +54,13 @@ def need_viewer() -> str:
     return browser
 
 
-def looked_at(page: Path, script: str, size: tuple[int, int] = (1000, 700)) -> dict:
-    """Return what a script finds in a page; fail on anything that the page logs as an error."""
+def looked_at(
+    page: Path, script: str, size: tuple[int, int] = (1000, 700), *, webgl: bool = True
+) -> dict:
+    """Return what a script finds in a page; fail on anything that the page logs as an error.
+
+    Without WebGL there is no `viewer` and no `panel`.
+    """
     browser, done, said = need_viewer(), threading.Event(), []
 
     class Ear(BaseHTTPRequestHandler):
@@ -72,13 +77,14 @@ def looked_at(page: Path, script: str, size: tuple[int, int] = (1000, 700)) -> d
     threading.Thread(target=server.serve_forever, daemon=True).start()
     text = page.read_text(encoding="utf-8").replace("<head>", f"<head>{RECORDER}", 1)
     looker = LOOKER.replace("SCRIPT", script).replace("PORT", str(server.server_address[1]))
+    looker = looker.replace("FAILED", f"error => {'{ throw error; }' if webgl else '({})'}")
     watched = page.with_name(f"watched-{page.name}")
     text = text.replace("</body></html>", f"{looker}</body></html>")
     if size[0] < NARROWEST:
         text = f'<body style="margin:0"><div style="width:{size[0]}px">{frame(text, size[1])}</div>'
     watched.write_text(text, encoding="utf-8")
     window = f"--window-size={max(size[0], NARROWEST)},{size[1] + 100}"
-    options = (window, "--remote-debugging-port=0")
+    options = (window, "--remote-debugging-port=0", *(() if webgl else ("--disable-3d-apis",)))
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         process = subprocess.Popen(
             [*browser_command(browser, profile, *options), watched.resolve().as_uri()],

@@ -134,14 +134,16 @@ limbs are blended where they meet."""
 TWO: dict[str, Sequence[str]] = {"thickness": (), "wall-check": ()}
 GRAPH: dict[str, Sequence[str]] = {"curve-skeleton": ("--formats", "swc,graphml,json,obj")}
 BALLS: dict[str, Sequence[str]] = {"surface-skeleton": ()}
+FEW: dict[str, Sequence[str]] = {"medial-mesh": ("--balls", "12")}
 
 LIMITS = ("--minimum", "1mm", "--maximum", "3.5mm")
 
 SHAPES = (
     Known(
-        "box", box, {**TWO, **BALLS},
+        "box", box, {**TWO, **BALLS, **FEW, "skeleton-mesh": ()},
         {"thickness": {"thickness_min": (20, EXACT), "thickness_max": (20, EXACT)},
-         "wall_check": {"typical": (20, EXACT)}},
+         "wall_check": {"typical": (20, EXACT)},
+         "medial_mesh": {"balls": (12, 0), "sheets": (13, 0)}},
         size=(20, 30, 40),
     ),
     Known(
@@ -181,7 +183,7 @@ SHAPES = (
                             "branch_table[1].fork_angle": (math.radians(150), NEAR)}},
     ),
     Known("figure", sample("creature", 180.0), {**TWO, **GRAPH, **BALLS, "parts": ()}),
-    Known("hand", sample("hand", 200.0), {**TWO, **GRAPH, "armature": ()}),
+    Known("hand", sample("hand", 200.0), {**TWO, **GRAPH, "armature": (), "medial-mesh": ()}),
     Known("gear", sample("gear", 60.0), {**TWO, "patches": (), "medial-sheets": ()}),
     Known("vase", sample("vase", 300.0), {"thickness": ("--threshold", "3mm"), "midsurface": ()}),
 )  # fmt: skip

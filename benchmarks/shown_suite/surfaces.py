@@ -13,7 +13,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from medialis.operations.result import WORDS
@@ -109,7 +109,8 @@ def _row(name: str, text: str) -> Iterator[Told]:
 
 def _cells(heads: Sequence[str], cells: Sequence[str]) -> Iterator[Told]:
     """Yield the cells of a line of a table, after its number."""
-    start = f"{TITLES[heads[0]]}[{int(cells[0]) - 1}]"
+    first = 0 if heads[0] == "branches" else 1
+    start = f"{TITLES[heads[0]]}[{int(cells[0]) - first}]"
     names = [*heads] if len(cells) > len(heads) else [*heads[1:]]
     for name, cell in zip(names, cells[1:], strict=False):
         one = re.fullmatch(rf"({NUMBER}){UNITS}", cell)
@@ -126,13 +127,18 @@ def in_note(line: str, where: str = "note") -> Iterator[Told]:
 
 
 def on_page(text: str) -> Iterator[Told]:
-    """Yield what the page of the viewer has: spots, ranges of values, the diagonal."""
+    """Yield what the page of the viewer has: places, numbers, ranges of values, the diagonal."""
     scene = json.loads(re.findall(r'id="scene">(.*?)</script>', text, re.DOTALL)[0])
     unit = scene["unit"] or ""
     names = {"length": unit, "area": f"{unit}²" if unit else "", "degrees": "degrees", "": ""}
     yield Told("page", "diagonal", scene["diagonal"], 1e-6 * scene["diagonal"], unit)
-    for row, spot in enumerate(scene["spots"]):
-        yield Told("page", f"spots[{row}].value", spot["value"], 0.0, unit)
+    for place in scene["places"]:
+        if place["table"] != "ribs":
+            name = f"{place['table']}[{place['number'] - 1}].value"
+            yield Told("page", name, place["value"], 0.0, unit)
+    for name, words in scene["numbers"]:
+        for one in _row(KEYS.get(name, name.replace(" ", "_")), words):
+            yield replace(one, where="page")
     fields = [field for part in scene["parts"] for field in part["fields"] if not field["label"]]
     for name in {field["name"] for field in fields}:
         mine = [field for field in fields if field["name"] == name]

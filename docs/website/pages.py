@@ -25,7 +25,7 @@ SECTIONS = {
     "Many and large shapes": ("batch*", "report*", "huge*"),
     "Looking at results": ("viewer",),
     "Thesis": ("thesis_*",),
-    "Python": ("api", "glossary", "versions"),
+    "Python": ("api", "glossary", "writing", "versions"),
     "Project": (
         "promises",
         "architecture*",

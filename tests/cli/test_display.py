@@ -2,7 +2,11 @@
 
 import pytest
 
+import medialis
 from medialis.cli import display
+from medialis.cli.display import summary_lines
+from medialis.formats.output_folder import MANIFEST
+from medialis.show.writing import describe_result
 
 
 @pytest.fixture
@@ -76,3 +80,16 @@ def test_notes_on_how_it_was_computed_are_for_the_verbose():
     lines = list(display.summary_lines(manifest, 120))
     assert lines[1:3] == ["warning: It is round.", "1 more with --verbose, and in manifest.json"]
     assert "note: Balls are open." in display.summary_lines(manifest, 120, verbose=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [one.name for one in medialis.OPERATIONS])
+def test_a_default_run_takes_at_most_25_lines(name, default_run):
+    """On any terminal, also where it replaces an earlier result; --verbose has all."""
+    result = default_run(name)
+    files = [f"{layer.name}.ply" for layer in result.layers] + [f"{name}.npz", MANIFEST]
+    about = describe_result(result, input="creature.ply", picture=None, replaced={"a": 1})
+    about |= {"files": [f"out/{file}" for file in files]}
+    about["seconds"] |= {"total": 1.0}
+    for width in (60, 80, 100, None):
+        assert len(list(summary_lines(about, width))) <= 25, width

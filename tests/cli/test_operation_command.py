@@ -13,12 +13,14 @@ import pytest
 
 import medialis
 from medialis.base.kept import DEFAULT_LIMIT
+from medialis.base.progress import Progress
 from medialis.cli.commands import main
 from medialis.cli.display import file_meanings, summary_lines
 from medialis.formats.ply_attributes import write_ply
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import value_text
 from medialis.shape.samples import SAMPLES
+from medialis.show.writing import Pictures, Written, write_files
 
 SCREEN, WIDE = 40, 100
 
@@ -67,15 +69,13 @@ def test_the_same_result_may_be_written_again(here, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["parameter", "unit", "input", "version", "operation", "damaged"])
+@pytest.mark.parametrize("what", ["unit", "input", "version", "operation", "damaged"])
 def test_another_result_is_not_overwritten(what, here, capsys):
     command = ["thickness", "creature.ply", "-o", "out", "--no-picture"]
     assert run(*command) == 0
-    folder, told = here / "out", {"parameter": "threshold", "unit": "another unit"}
+    folder, told = here / "out", {"unit": "another unit"}
     manifest = json.loads((folder / "manifest.json").read_text())
-    if what == "parameter":
-        command += ["--threshold", "1%"]
-    elif what == "unit":
+    if what == "unit":
         command += ["--unit", "mm"]
     elif what == "operation":
         command[0], told[what] = "point-types", "operation thickness"
@@ -96,6 +96,49 @@ def test_another_result_is_not_overwritten(what, here, capsys):
     assert run(*command, "--overwrite") == 0
     new = json.loads((folder / "manifest.json").read_text())
     assert sorted(p.name for p in folder.iterdir()) == sorted(Path(f).name for f in new["files"])
+
+
+@pytest.mark.slow
+def test_another_threshold_replaces_its_own_earlier_result(here, capsys):
+    """One can try thresholds without --overwrite; what somebody has edited is not lost."""
+    command = ["thickness", "creature.ply", "-o", "out", "--no-picture", "--refine", "0"]
+    folder = here / "out"
+    assert run(*command, "--threshold", "2%") == 0 and run(*command, "--threshold", "3%") == 0
+    said = capsys.readouterr().out
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert manifest["replaced"] == {"threshold": "2 %"} and "earlier result (threshold 2 %)" in said
+    assert manifest["lengths"]["threshold"] == "3 %"
+    assert {p.name for p in folder.iterdir()} == {Path(f).name for f in manifest["files"]}
+    (folder / "notes.txt").write_text("mine")
+    assert run(*command, "--threshold", "3%") == 0, "the same once more"
+    assert json.loads((folder / "manifest.json").read_text())["replaced"] == {}
+    with (folder / "thickness.ply").open("ab") as stream:
+        stream.write(b"mine")
+    whole = (folder / "manifest.json").read_bytes()
+    for damage, named in (({}, "thickness.ply"), ({"contents": [1]}, "manifest.json"),
+                          ({"contents": {"../a": {}, "a\0": 1}}, "a")):  # fmt: skip
+        (folder / "manifest.json").write_text(json.dumps({**json.loads(whole), **damage}))
+        before = contents(folder)
+        assert run(*command, "--threshold", "4%") == 2
+        said = capsys.readouterr().err
+        assert named in said and "has changed since it was written" in said
+        assert contents(folder) == before
+    (folder / "manifest.json").write_bytes(whole)
+    assert run(*command, "--threshold", "4%", "--overwrite") == 0
+    assert (folder / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_what_another_run_wrote_meanwhile_is_not_replaced(here):
+    """Only what was there when the run began is its own earlier result."""
+    shape = medialis.organic_shape(56)
+    results = [medialis.run("thickness", shape, refine=0, threshold=t) for t in (0.02, 0.03)]
+    without = Pictures(main=False)
+    write_files(results[0], "out", Written(pictures=without, earlier=b""), Progress())
+    with pytest.raises(medialis.FileError, match="with another threshold"):
+        write_files(results[1], "out", Written(pictures=without, earlier=b""), Progress())
+    there = (here / "out" / "manifest.json").read_bytes()
+    write_files(results[1], "out", Written(pictures=without, earlier=there), Progress())
 
 
 @pytest.mark.slow

@@ -1,5 +1,8 @@
 """The command `view`: files, folders, layers, graphs."""
 
+import json
+import re
+
 import pytest
 
 import medialis
@@ -89,6 +92,24 @@ def test_a_threshold_and_a_unit_are_those_of_what_is_seen_first(file, tmp_path, 
     assert main(["view", file, "--threshold", "0.2mm"]) == 2  # nobody knows what a millimetre is
     assert main(["view", file, "--threshold", "1%", "--show", "parts"]) == 2
     assert "--show thickness" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_results_that_are_read_take_a_threshold_and_a_unit(file, tmp_path, capsys):
+    """They were ignored without a word (fixed)."""
+    for name in ("thickness", "surface-skeleton", "parts"):
+        assert main([name, file, "--no-picture", "--refine", "0", "-o", name]) == 0
+    for name, end in (("thickness", "to"), ("surface-skeleton", "from")):
+        assert main(["view", name, "--unit", "mm", "--threshold", "0.1mm", "-o", "a.html"]) == 0
+        scene = json.loads(
+            re.search(r'id="scene">(.*?)</script>', (tmp_path / "a.html").read_text("utf-8"))[1]
+        )
+        fields = [field for part in scene["parts"] for field in part["fields"]]
+        ends = [f["low"] + f[end] * (f["high"] - f["low"]) for f in fields if 0 < f[end] < 1]
+        assert ends == [pytest.approx(0.1, rel=1e-3)] and scene["unit"] == "mm"
+    assert main(["view", "thickness", "--threshold", "1mm"]) == 2
+    assert main(["view", "parts", "--threshold", "1%"]) == 2
+    assert "--threshold is for" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -116,7 +116,7 @@ def test_table_and_graph_of_branches_hold_what_the_table_has(tmp_path):
     networkx, table = pytest.importorskip("networkx"), drawn_fork().branch_table
     dict(written(tmp_path, "mm"))
     rows = list(csv.DictReader((tmp_path / "a.csv").read_text("utf-8").splitlines()))
-    assert [row["branch"] for row in rows] == ["1", "2", "3"]
+    assert [row["branch"] for row in rows] == ["0", "1", "2"]
     for name, head in (("length", "length (mm)"), ("tortuosity", "tortuosity")):
         assert [float(row[head]) for row in rows] == table[name].tolist()
     degrees = [float(row["fork_angle (degrees)"]) for row in rows]
@@ -146,7 +146,7 @@ def test_the_longest_branches_are_on_the_screen():
     assert longest != [0, 1, 2]
     for line, row in zip(lines[head + 1 : head + 4], longest, strict=True):
         words = re.split(" {2,}", line)
-        assert int(words[1]) == row + 1 and f"{rows[row]['length']:.4g} mm" in words
+        assert int(words[1]) == row and f"{rows[row]['length']:.4g} mm" in words
         assert f"{math.degrees(rows[row]['fork_angle']):.1f} degrees" in words
     assert lines[head + 4] == "  2 more in manifest.json"
 

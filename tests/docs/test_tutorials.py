@@ -5,6 +5,7 @@ import subprocess
 import sys
 from importlib.util import find_spec
 
+import numpy as np
 import pytest
 from code_blocks import blocks, run_bash, run_python
 from website.pages import DOCS
@@ -39,13 +40,27 @@ def run_page(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_thickness_check(run_page, tmp_path):
+def test_thickness_check(run_page, tmp_path, capsys):
+    """The check that fails a build passes a part that is fine (it raised IndexError)."""
     names, _ = run_page(DOCS / "tutorials" / "thickness_check.md")
     spots = names["result"].values["spots"]
     # The tips of the creature's ears have a radius of 0.03, pressed flat by 1.6, 50 times larger.
-    assert names["too_thin"] and 0 < spots[0]["value"] < names["wanted"]
+    assert 0 < spots[0]["value"] < names["wanted"]
     assert max(spot["position"][2] for spot in spots) > 0.9 * names["shape"].points[:, 2].max()
     assert (tmp_path / "thickness" / "thickness.ply").is_file()
+    assert capsys.readouterr().out.endswith("fine: nothing is thinner than 0.5 mm\n")
+    with pytest.raises(SystemExit, match=rf"^too thin: {spots[0]['value']:.2f} mm, 5.0 mm are"):
+        names["check"](names["shape"], names["wanted"])
+
+
+@pytest.mark.slow
+def test_rigging(run_page, tmp_path, capsys):
+    names, _ = run_page(DOCS / "tutorials" / "rigging.md")
+    moved = np.linalg.norm(names["posed"] - names["figure"].points, axis=1)
+    share = names["share"][:, 0]
+    assert (moved[share == 0] == 0).all() and moved[share > 0.99].max() > 0.05
+    assert "bone 003.L below bone 002" in capsys.readouterr().out
+    assert (tmp_path / "rigged" / "armature.ply").is_file()
 
 
 @pytest.mark.slow
@@ -81,8 +96,7 @@ def test_solid_to_shells(run_page, tmp_path):
 
 def test_no_tutorial_is_left_out():
     tested = {"solid_to_shells", "thickness_check", "batch_over_a_folder", "noisy_scan"}
-    tested |= {"denoising_a_scan", "teeth"}
-    tested |= {"rigging"}  # by test_rigging_tutorial.py
+    tested |= {"denoising_a_scan", "teeth", "rigging"}
     tested |= {"first_skeleton_in_blender"}  # by tests/blender/test_first_skeleton_tutorial.py
     assert {page.stem for page in TUTORIALS} == tested
 

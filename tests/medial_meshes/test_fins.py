@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.medial_meshes.fins import without_fins
+from closed_forms import icosphere
+from medialis.medial_meshes.fins import Touched, without_fins
 from medialis.medial_meshes.medial_mesh import collapse
 from medialis.medial_meshes.mesh import Complex, betti_numbers, sheets_of
+from medialis.operations.registry import run
 
 
 def grid(columns, rows, radius):
@@ -79,12 +81,18 @@ def with_a_fin(height):
     return whole(np.concatenate([balls, tips]), np.concatenate([faces, fin])), new
 
 
+def tops(given):
+    """The highest place of each ball."""
+    balls = given.balls
+    return Touched(balls[:, :3] + [0, 0, 1] * balls[:, 3:], np.arange(len(balls)))
+
+
 def test_a_fin_goes_when_its_balls_hardly_stick_out():
     """Of balls straight under them: by `height` exactly."""
     for height, gone in ((0.009, True), (0.011, False)):
         given, new = with_a_fin(height)
         assert structure(given) == (2, (1, 0, 0))
-        found, place = without_fins(given, 0.01)
+        found, place = without_fins(given, tops(given), 0.01)
         assert structure(found) == (1 if gone else 2, (1, 0, 0))
         assert (place[new] < 0).all() == gone and len(found) == len(given) - 5 * gone
         stays = place >= 0
@@ -100,12 +108,24 @@ def test_a_sheet_that_closes_a_hollow_stays():
     closed = whole(given.balls, np.unique(np.sort(faces, axis=1), axis=0))
     before = structure(closed)[1]
     assert before[2] == 1
-    assert structure(without_fins(closed, 0.01)[0])[1] == before
+    assert structure(without_fins(closed, tops(closed), 0.01)[0])[1] == before
+
+
+def test_of_fins_that_stand_for_each_other_the_larger_stays():
+    """A crumb on a fin sticks out of the rest as far as that does."""
+    given, new = with_a_fin(0.011)
+    below = 21 * 10 + 10
+    crumb = np.append(given.balls[new[1], :3] + [0, 0.01, 0], given.balls[new[1], 3])
+    faces = np.vstack([given.faces, [new[1], below, len(given)]])
+    both = whole(np.vstack([given.balls, crumb]), faces)
+    found, place = without_fins(both, tops(both), 0.0105)
+    assert structure(both)[0] > structure(found)[0] == 2
+    assert (place[new] >= 0).all() and place[-1] < 0
 
 
 def test_flat_sheets_have_no_fins():
     given = book(3)
-    found, place = without_fins(given, 1e-3)
+    found, place = without_fins(given, tops(given), 1e-3)
     assert len(found) == len(given) and np.array_equal(place, np.arange(len(given)))
 
 
@@ -117,3 +137,27 @@ def test_many_balls_have_the_sheets_of_the_fine_complex():
     assert len(mesh) == 700
     assert structure(mesh.complex) == structure(mesh.level(mesh.most).complex)
     assert mesh.betti == (1, 0, 0)
+
+
+@pytest.mark.parametrize("balls", [120, 1000])
+def test_a_ball_is_one_ball_however_many_are_wanted(balls):
+    """The faces of an icosphere lie e^2/6 or less beneath the sphere; bumps are less than that."""
+    shape = icosphere(3)
+    sag = shape.edge_lengths.max() ** 2 / 6
+    rng = np.random.default_rng(0)
+    bumpy = shape.points * (1 + 0.05 * sag * rng.uniform(-1, 1, (len(shape.points), 1)))
+    result = run("medial_mesh", medialis.make_shape(bumpy, shape.faces), balls=balls)
+    assert result.values["balls"] == 1
+    assert result.values["largest_error"] < 2 * sag
+    (message,) = [one for one in result.messages if one.code == "ball_count"]
+    assert "nearly a ball" in str(message)
+
+
+@pytest.mark.slow
+def test_what_is_longer_gets_more_balls():
+    """One ball of an ellipsoid is off by half of what its axes differ; a few are less so."""
+    shape = icosphere(3)
+    long = medialis.make_shape(shape.points * [1.0, 1.0, 1.04], shape.faces)
+    mesh = medialis.medial_mesh(long, balls=120)
+    assert 1 < len(mesh) < 120
+    assert medialis.envelope_distance(mesh, long).largest < 0.3 * 0.02

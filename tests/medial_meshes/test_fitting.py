@@ -8,7 +8,7 @@ from medialis.base.progress import Progress
 from medialis.medial_meshes.envelope import Envelope, primitives_of
 from medialis.medial_meshes.fine_complex import fine_complex
 from medialis.medial_meshes.fitting import BALLS_A_LISTED, Bounds, Fit, Target, _Follower
-from medialis.medial_meshes.medial_mesh import Hollows
+from medialis.medial_meshes.medial_mesh import Fault, Hollows, refined
 from medialis.medial_meshes.mesh import Complex
 from medialis.medial_meshes.sampling import Solid
 
@@ -107,3 +107,16 @@ def test_places_of_a_fit_are_there_once():
     between = Fit(given, target).between(balls)
     assert len(np.unique(between.round(9), axis=0)) == len(between)
     assert len(between) == 17 * 17  # a square with 16 steps a side, cut along its diagonal
+
+
+def test_small_faults_get_balls_where_a_smaller_share_of_the_worst_does():
+    """Three places apart from each other, of errors 4, 2, 1."""
+    start = shell(1.0, 0.1)
+    places = np.eye(3)
+    balls = np.column_stack([places, np.full(3, 0.2)])
+    faults = Fault(places, np.array([4.0, 2.0, 1.0]), balls, places)
+    for share, added in ((0.6, 1), (0.5, 2), (0.2, 3)):
+        found = refined(start, faults, 3, share=share)
+        assert len(found) == len(start) + added
+        assert np.array_equal(found.balls[len(start) :], balls[:added])
+    assert len(refined(start, faults, 2, share=0.2)) == len(start) + 2

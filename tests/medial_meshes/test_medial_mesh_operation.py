@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import medialis
+from closed_forms import box_mesh
 from medialis.base.errors import FileError, InvalidShapeError
 from medialis.medial_meshes.operation import MeshLevels
 
@@ -163,3 +164,13 @@ def test_importance_simplifies(creature):
     (message,) = [m for m in some.messages if m.code == "less_important"]
     assert message.data == {"balls": len(importance) - len(kept), "of": len(importance)}
     assert layers(some)["medial_mesh"].levels is None
+
+
+def test_a_box_has_four_junctions():
+    """At each end of its ridge two, where six sheets and four seams meet."""
+    result = medialis.run("medial_mesh", box_mesh((1.0, 0.8, 0.6), 0.2), balls=12)
+    (layer,) = [one for one in result.layers if one.name == "medial_mesh_junctions"]
+    assert result.values["junctions"] == len(layer.points) == 4
+    assert np.allclose(np.abs(layer.points), [0.2, 0.1, 0.0], atol=1e-6)
+    assert np.allclose(layer.attributes["radius"], 0.3, atol=1e-6)
+    assert layer.attributes["seams"].tolist() == [4] * 4

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 import closed_forms as forms
 import medialis
@@ -112,3 +113,22 @@ def test_far_and_near_the_origin_it_is_one_part():
         for shift in (0.0, 4096.0)
     )
     assert near.values["thickness_min"] == pytest.approx(far.values["thickness_min"], rel=1e-9)
+
+
+@pytest.mark.parametrize(("radius", "chords"), [(1.0, 3), (2.5, 5), (4.0, 9)])
+def test_a_rounded_box_has_twelve_cylinders_and_eight_spheres(radius, chords):
+    turn = np.linspace(0, np.pi / 2, chords + 1)
+    up, round_ = (x.ravel() for x in np.meshgrid(turn, turn, indexing="ij"))
+    octant = np.column_stack([np.cos(up) * np.cos(round_), np.cos(up) * np.sin(round_), np.sin(up)])
+    signs = np.stack(np.meshgrid(*[[-1, 1]] * 3), axis=-1).reshape(-1, 1, 3)
+    points = np.unique((signs * ([30, 20, 10] + radius * octant)).reshape(-1, 3).round(9), axis=0)
+    hull = ConvexHull(points)
+    faces = np.array(hull.simplices)
+    turned = np.linalg.det(points[faces]) < 0
+    faces[turned] = faces[turned][:, ::-1]
+    found = medialis.make_shape(points @ TURNED.T, faces).cylinders
+    spheres = ~found.axes.any(axis=1)
+    assert spheres.sum() == 8 and (~spheres).sum() == 12
+    assert found.radii == pytest.approx(radius, rel=1e-6) and (found.signs == 1).all()
+    corners = np.abs(found.centers[spheres] @ TURNED)
+    assert corners == pytest.approx(np.tile([30.0, 20.0, 10.0], (8, 1)), abs=1e-6)

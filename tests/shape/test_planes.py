@@ -127,6 +127,20 @@ def test_smooth_shapes_have_no_planes():
     assert np.array_equal(find_planes(cylinder, CREASE) >= 0, caps)
 
 
+@pytest.mark.parametrize(("around", "across"), [(28, 14), (110, 26), (40, 50), (32, 16)])
+def test_the_flat_ring_on_top_of_a_torus_is_no_plane(around, across):
+    """A row of facets with an even number round the tube: its normals were 7 degrees off."""
+    turn = (0.5 * (across % 4 == 0)) * 2 * np.pi / across
+    shape = forms.torus_mesh(around, across)
+    tilted = np.hypot(*shape.points[:, :2].T) - 1, shape.points[:, 2]
+    u = np.arctan2(shape.points[:, 1], shape.points[:, 0])
+    v = np.arctan2(tilted[1], tilted[0]) + turn
+    rho = 1 + 0.3 * np.cos(v)
+    points = np.column_stack([rho * np.cos(u), rho * np.sin(u), 0.3 * np.sin(v)])
+    made = medialis.make_shape(points, shape.faces)
+    assert (made.planes < 0).all()
+
+
 def test_facets_of_arcs_are_no_planes():
     """Three facets of a bent plate: the middle one lies between others of the same width."""
     t = np.radians([0, 20, 40, 60])

@@ -28,8 +28,20 @@ def test_texts_do_not_lie_over_each_other():
     camera = Camera([0, 0, 9], [0, 0, 0], [0, 1, 0], extent=2.0, width=400, height=300)
     image = np.full((300, 400, 3), 255, np.uint8)
     write_texts(image, camera, np.zeros((3, 3)), ["1: 0.8 mm", "2: 0.9 mm", ""])
-    rows = np.flatnonzero((image < 200).any(axis=(1, 2)))
+    ink = (image < 200).any(axis=2)
+    rows = np.flatnonzero(ink[:, 210:].any(axis=1))
     assert (np.diff(rows) > 1).sum() == 1  # two lines
+    between = slice(rows[np.argmax(np.diff(rows) > 1)] + 1, rows[np.argmax(np.diff(rows) > 1) + 1])
+    assert ink[between].any(), "a line leads from the place to the text that had to go away"
+
+
+def test_no_text_leaves_the_picture():
+    """The number of a place at the lower border was cut in two (fixed)."""
+    camera = Camera([0, 0, 9], [0, 0, 0], [0, 1, 0], extent=2.0, width=400, height=300)
+    image = np.full((300, 400, 3), 255, np.uint8)
+    write_texts(image, camera, np.array([[0.0, -0.99, 0.0]]), ["1: 0.8 mm"])
+    ink = np.flatnonzero((image < 200).any(axis=(1, 2)))
+    assert len(ink) > 5 and ink.max() < 299
 
 
 def test_the_bar_is_as_long_as_it_says(box):

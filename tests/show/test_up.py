@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import medialis
+import plates
+from medialis.batches.jobs import plan
 from medialis.cli.commands import main
-from medialis.formats.meshes import UP
+from medialis.formats.meshes import UP, _collada_up
 from medialis.formats.ply_attributes import write_ply
-from medialis.show.camera import Camera, default_view
+from medialis.show.camera import Camera, default_view, shape_view
 
 SIZES = {"standing": (1.0, 2.0, 4.0), "lying": (4.0, 2.0, 0.1), "cube": (1.0, 1.0, 1.0)}
 
@@ -59,3 +61,33 @@ def test_the_command_line_has_it_and_results_keep_it(tmp_path, capsys):
     assert "holds a result with another axis up. Name" in capsys.readouterr().err
     assert main([*words[:2], "--up", "w"]) == 2
     assert "--up" in capsys.readouterr().err
+
+
+def test_the_view_does_not_depend_on_the_triangles():
+    """A bracket of 32 vertices was seen from its back, refined from its front (fixed)."""
+    coarse = plates.shape_of(plates.bracket())
+    fine = medialis.refine(coarse, longest_edge=0.02)
+    views = [shape_view(shape) for shape in (coarse, fine)]
+    assert fine.point_count > 20 * coarse.point_count
+    assert views[0][1].tolist() == views[1][1].tolist()
+    assert np.degrees(np.arccos(views[0][0] @ views[1][0])) < 3
+
+
+@pytest.mark.parametrize(("said", "axis"), [("Z_UP", "z"), ("X_UP", "x"), (None, "y")])
+def test_collada_files_say_it_themselves(said, axis):
+    text = f"<asset><up_axis> {said} </up_axis></asset>" if said else "<asset/>"
+    assert _collada_up(text.encode()) == axis
+
+
+def test_batches_have_it_too(tmp_path):
+    shape = medialis.organic_shape(56)
+    write_ply(tmp_path / "a.ply", shape.points, shape.faces)
+    reading = {"read_shape": {"up": "x"}}
+    options = {"parameters": reading, "workers": 1, "picture": False}
+    (row,) = medialis.batch("point_types", [tmp_path / "a.ply"], tmp_path / "out", **options)
+    assert row.status == "done"
+    assert medialis.read_result(tmp_path / "out" / "a" / "point_types").shape.up == "x"
+    with pytest.raises(medialis.InvalidOptionError, match="up must be one of x, y, z"):
+        plan(
+            ["point_types"], [tmp_path / "a.ply"], tmp_path, parameters={"read_shape": {"up": "w"}}
+        )

@@ -106,9 +106,11 @@ def test_balls_that_shrank_touch_the_face_that_they_name():
     weights = cloud.contact_weights[rows]
     pairs = weights[:, [0, 1, 2]] * weights[:, [1, 2, 0]]
     outward, both = ((pairs * b).sum(axis=1) for b in (np.maximum(bulges, 0.0), bulges))
-    height = np.where(both < 0, both, outward)
-    assert (both < 0).any() and (both > 0).any()
     radii = cloud.radii[rows]
+    own = cloud.surface.points[cloud.source[rows]]
+    across = np.linalg.norm(own - cloud.contacts[rows], axis=1) >= np.sqrt(2.0) * radii
+    height = np.where(across & (both < 0), both, outward)
+    assert (across & (both < 0)).any() and (both > 0).any()
     assert apart**2 + 2 * radii * height == pytest.approx(radii**2, rel=1e-9)
     corners = cloud.surface.faces[cloud.contact_faces[rows]]
     assert (corners == cloud.features[rows, 1:]).any(axis=1).all()

@@ -386,7 +386,7 @@ def test_layers_say_what_failed_where():
     assert set(layers) == {"wall_check", "wall_regions", "ribs", "samples"}
     samples = layers["samples"]
     thin = samples.attributes["check"] == 1
-    assert np.array_equal(thin, samples.attributes["region"] == 0)
+    assert np.array_equal(thin, samples.attributes["region"] == 1)
     assert np.array_equal(thin, samples.attributes["thickness"] < 1.5)
     assert samples.color_limits == pytest.approx((1.5, 3.0))
     assert layers["wall_regions"].attributes["value"].tolist() == [

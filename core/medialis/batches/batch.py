@@ -66,7 +66,7 @@ def html_text(rows: Sequence[Row]) -> str:
         data_text("medialis.batches", "batch.css"),
         f"<header><h1>medialis batch</h1><p>{summary}.</p></header>",
         f"<nav>{links}{find}</nav>",
-        _failed(bad, len(groups)) + tables,
+        f"<main>{_failed(bad, len(groups))}{tables}</main>",
         f"<script>\n{data_text('medialis.batches', 'batch.js')}</script>",
     )
 
@@ -351,7 +351,7 @@ def batch(
         Folder of the batch.
     parameters : dict of dict, optional
         Parameters by the name of the operation; the others are at their defaults. Those
-        of "read_shape" are how files are read: its `unit`.
+        of "read_shape" are how files are read: its `unit` and `up`.
     workers : int or str, optional
         Number of processes, which share the threads of this machine; as many as processors when
         missing. Or the address of an existing Dask scheduler, such as "tcp://127.0.0.1:8786": its

@@ -22,6 +22,7 @@ from medialis.base.kept import forget
 from medialis.base.options import as_unit
 from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
+from medialis.base.validation import AXES, as_choice
 from medialis.base.version import package_version
 from medialis.formats.files import absolute
 from medialis.formats.json_npz import json_text
@@ -192,7 +193,7 @@ class Job:
         Folder of the batch; results go to ``output/name/operation``.
     operations : dict of dict
         All parameters of each operation; lengths with a unit are text.
-    unit : str or None
+    unit, up : str or None
         Of all files; None: what each says.
     threads : int
         At most this many.
@@ -205,6 +206,7 @@ class Job:
     output: str
     operations: Mapping[str, Mapping[str, Any]]
     unit: str | None = None
+    up: str | None = None
     threads: int = 1
     picture: bool = True
     report: bool = False
@@ -235,6 +237,7 @@ class Job:
             and parameters_given(manifest) == dict(self.operations[operation_name])
             and manifest["input_stamp"] == input_stamp(self.file)
             and manifest["input_unit"] == self.unit
+            and manifest["input_up"] == self.up
             and (THUMBNAIL in files or not self.picture)
             and (REPORT in files or not self.report)
             and f"{operation_name}.npz" in files
@@ -289,11 +292,15 @@ def _is_complete(manifest: Mapping[str, Any]) -> bool:
     )
 
 
-def _reading(given: Mapping[str, Any]) -> str | None:
-    """Return the unit that files are read in, the one option of `read_shape` that a batch has."""
-    if unknown := sorted(set(given) - {"unit"}):
-        raise InvalidOptionError(f"read_shape has no option {', '.join(unknown)}; it has unit.")
-    return as_unit(given.get("unit"))
+def _reading(given: Mapping[str, Any]) -> tuple[str | None, str | None]:
+    """Return the options of `read_shape` that a batch has: `unit`, and the axis that points up."""
+    if unknown := sorted(set(given) - {"unit", "up"}):
+        raise InvalidOptionError(
+            f"read_shape has no option {', '.join(unknown)} here; it has unit and up."
+        )
+    up = given.get("up")
+    known = None if up is None else as_choice(up, "up", AXES)
+    return as_unit(given.get("unit")), known
 
 
 def plan(
@@ -315,7 +322,7 @@ def plan(
         When the output is a file. A missing input file is a failed row, not an error.
     """
     given = dict(parameters or {})
-    unit = _reading(given.pop("read_shape", {}))
+    unit, up = _reading(given.pop("read_shape", {}))
     chosen = {}
     for name in operations:
         found = operation(name)
@@ -338,7 +345,7 @@ def plan(
             "none was found."
         )
     return [
-        Job(name, str(path), os.fspath(output), chosen, unit, picture=picture, report=report)
+        Job(name, str(path), os.fspath(output), chosen, unit, up, picture=picture, report=report)
         for name, path in zip(unique_names(paths), paths, strict=True)
     ]
 
@@ -374,7 +381,7 @@ def _rows(job: Job) -> list[Row]:
                     if shape is None:
                         with suppress(OSError, ValueError):  # reading tells what is wrong
                             stamp = input_stamp(job.file)
-                        shape = read_shape(job.file, unit=job.unit, progress=reading)
+                        shape = read_shape(job.file, unit=job.unit, up=job.up, progress=reading)
                     row = _run_operation(job, name, shape, stamp, reading)
             except Exception as error:  # noqa: BLE001 - one shape never stops the others
                 row = job.failed(name, _sentence(error))
@@ -399,7 +406,7 @@ def _run_operation(
         job.file,
         Pictures(main=job.picture, thumbnail=job.picture),
         texts=texts,
-        record={"input_stamp": stamp, "input_unit": job.unit},
+        record={"input_stamp": stamp, "input_unit": job.unit, "input_up": job.up},
         overwrite=True,  # a batch owns its folder, and computes anew what is not as it should be
         below=job.output,
     )

@@ -24,8 +24,8 @@ SHELLS = ("bash", "zsh", "fish")
 
 EXIT_OK, EXIT_NOT_PASSED, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 1, 2, 3, 130
 
-_EPILOG = """exit codes: 0 done; 1 a check is not passed (with --fail); 2 bad input or options (a
-line on stderr); 3 a batch is done but some of its results failed (see its table); 130 cancelled.
+_EPILOG = """exit statuses: 0 done; 1 a check failed (with --fail); 2 bad input or options (a line
+on stderr says which); 3 some results of a batch failed (its table says which); 130 interrupted.
 Lengths are shares of the size (0.5% of the bounding-box diagonal; 0.005 is the same) or real ones
 (1mm, 0.2in), for which the unit of the file must be known: STEP, 3MF, glTF and Collada say it, for
 others add --unit mm."""
@@ -274,7 +274,7 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
         _add_parameter(options, parameter)
     if chosen.checks:
         sub.add_argument(
-            "--fail", action="store_true", help="end with exit code 1 where the check is not passed"
+            "--fail", action="store_true", help="end with exit status 1 where the check fails"
         )
     own = chosen.name.replace("_", "-")
     methods = [method for (command, method) in OF_METHOD if command == own]
@@ -357,6 +357,7 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
         help="a parameter that is not at its default; may be given several times",
     )
     _add_unit(sub)
+    _add_up(sub)
     sub.add_argument("--workers", type=int, help="processes (default: one a processor)")
     sub.add_argument(
         "--scheduler",
@@ -366,7 +367,7 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--no-picture", action="store_true", help="draw no pictures")
     _add_report(sub, "of each result")
     sub.add_argument(
-        "--fail", action="store_true", help="end with exit code 1 where a check is not passed"
+        "--fail", action="store_true", help="end with exit status 1 where a check fails"
     )
     sub.add_argument("--json", action="store_true", help="print the table as JSON")
     _add_progress(sub)
@@ -417,7 +418,7 @@ def _add_up(sub: argparse.ArgumentParser) -> None:
         "--up",
         choices=AXES,
         help="the axis that points up in pictures (default: y in glTF, z in STL, 3MF and STEP, "
-        "else as the shape stands)",
+        "what a Collada file says, else as the shape stands)",
     )
 
 
@@ -446,4 +447,9 @@ def _add_progress(sub: argparse.ArgumentParser) -> None:
         help="on stderr: a bar, a log with a line now and then, lines 'PROGRESS fraction text' for "
         "programs; auto: a bar on a terminal, else a log of a batch and nothing of a single run",
     )
-    sub.add_argument("-v", "--verbose", action="store_true", help="log what is done on stderr")
+    sub.add_argument(
+        "-v",
+        "--verbose",
+        action="store_true",
+        help="say more: all values and notes, and a log on stderr",
+    )

@@ -72,7 +72,10 @@ def run_batch(options: argparse.Namespace) -> int:
             [name.strip() for name in options.operations.split(",")],
             options.files,
             options.output,
-            parameters={**settings(options.set), "read_shape": {"unit": options.unit}},
+            parameters={
+                **settings(options.set),
+                "read_shape": {"unit": options.unit, "up": options.up},
+            },
             workers=options.scheduler or options.workers,
             picture=not options.no_picture,
             report=options.report,
@@ -153,17 +156,70 @@ def run_view(options: argparse.Namespace) -> int:
     output = Path(options.output or f"{source.resolve().stem}-view.html")
     progress = shown_progress(options.progress)
     if source.is_dir():
-        results = _of_folder(source)
+        results = _as_asked(_of_folder(source), options)
     elif (layer := _of_layer(source)) is not None:
-        results = [layer]
+        results = _as_asked([layer], options)
     else:
         results = _computed(source, options, progress)
     with progress.stage("page", 0.95, 1.0):
-        write_viewer(output, results, source.resolve().name)
+        write_viewer(output, results, _title(source, results))
     say(f"{output} ({output.stat().st_size / 1e6:.1f} MB): open it in a browser.")
     if options.open:
         webbrowser.open(output.resolve().as_uri())
     return 0
+
+
+def _as_asked(results: list[Outcome], options: argparse.Namespace) -> list[Outcome]:
+    """Give results that were read the unit and the threshold that were asked for.
+
+    Raises
+    ------
+    InvalidOptionError
+        When they have another unit, or nothing in the first one has a threshold.
+    """
+    from dataclasses import replace
+
+    from medialis.base.options import LENGTHS, Size, as_length, as_unit
+
+    unit, own = as_unit(options.unit), results[0].shape.unit
+    if unit is not None and own not in (None, unit):
+        raise InvalidOptionError(f"The results are in {own}: --unit {unit} cannot change that.")
+    if unit is not None:
+        results = [replace(one, shape=replace(one.shape, unit=unit)) for one in results]
+    if not options.threshold:
+        return results
+    first, *others = results
+    told = first.values.get("diagonal")
+    size = Size(told if isinstance(told, float) else first.shape.diagonal, unit or own)
+    share = size.fraction(as_length(options.threshold, "threshold", 0.0, 1.0), "threshold")
+    if first.shown and first.shown[0].color_by in LENGTHS:
+        look = replace(first.shown[0], color_limit=share * size.diagonal)
+        return [replace(first, shown=(look, *first.shown[1:])), *others]
+    if first.layers and first.layers[0].filter_by is not None:
+        layer = replace(first.layers[0], filter_default=share)
+        return [replace(first, layers=(layer, *first.layers[1:])), *others]
+    raise InvalidOptionError(
+        "--threshold is for thickness and for skeletons with importance; what is shown first "
+        "has neither."
+    )
+
+
+def _title(source: Path, results: Sequence[Outcome]) -> str:
+    """Return the name of the shape, with the operation where there is one."""
+    from medialis.operations.result import Result
+    from medialis.show.writing import manifest_in
+
+    if not source.is_dir():
+        return source.resolve().name
+    manifests = (manifest_in(path) for path in (source, *sorted(source.iterdir())))
+    names = [str(one["input"]) for one in manifests if one and one.get("input")]
+    name = names[0] if names else source.resolve().name
+    first = results[0]
+    return (
+        f"{name}: {first.title.lower()}"
+        if [first] == results and isinstance(first, Result)
+        else name
+    )
 
 
 def _of_folder(folder: Path) -> list[Outcome]:
@@ -287,7 +343,7 @@ def run_operation(options: argparse.Namespace) -> int:
     given = _given(chosen, options)
     about = _about(chosen, file, given, options)  # says what is wrong before the file is read
     if not options.overwrite and not options.host:
-        check_same(folder, about)
+        about["earlier"] = check_same(folder, about)
     manifest = _compute(about, given, file, Path(folder), options)
     if not options.host:  # a host reads the manifest from the folder
         _report(manifest, options.json, options.verbose)
@@ -415,7 +471,10 @@ def _compute(
             texts = report_texts(result, source=file, progress=progress)
     pictures = Pictures(not options.no_picture, options.color_by, options.turntable)
     record = {name: about[name] for name in ("input_stamp", "input_unit", "input_up")}
-    wanted = Written(source, pictures, _formats(options), texts, record, options.overwrite)
+    wanted = Written(
+        *(source, pictures, _formats(options), texts, record, options.overwrite),
+        earlier=about.get("earlier"),
+    )
     with progress.stage("output", 0.85, 1.0), thread_limit(threads):
         manifest = write_files(result, folder, wanted, progress)
     manifest["seconds"] = {**progress.seconds, "total": time.perf_counter() - clock}

@@ -168,13 +168,6 @@ MOST_LINES, FEWEST_FILES = 25, 2
 MOST_NOTES = 3
 """Of the notes below a result, the most important first; --verbose has them all."""
 
-INNER = {
-    *("open_balls", "without_normal", "between_parts", "along_edges", "expected_loops_certain"),
-    *("candidates", "kept_candidates", "sheet_share", "kept_points", "spacing", "unlabelled"),
-    *("seam_edges", "fewest_balls", "most_balls", "unassigned_samples"),
-}
-"""Values that tell how it was computed: with --verbose, and in the manifest."""
-
 SAID_LAST = {"refined", "welded", "sharp_edges", "specks", "dense_kept"}
 """Codes of notes on how it was computed."""
 
@@ -220,6 +213,9 @@ def summary_lines(
     """Yield what there is to say of a result, from its manifest; all of it when verbose."""
     columns = width or _line_width()
     lines = [*_told(manifest, columns, verbose)]
+    for most in range(MOST_NOTES - 1, 0, -1):
+        if not verbose and len(lines) > MOST_LINES - FEWEST_FILES - 1:
+            lines = [*_told(manifest, columns, verbose, most)]
     yield from lines
     folder = Path(manifest["files"][0]).parent
     yield f"{len(manifest['files'])} files in {folder}, {manifest['seconds']['total']:.1f} seconds:"
@@ -232,9 +228,11 @@ def summary_lines(
         yield from _indented(_shortened([rest], columns - 2))
 
 
-def _told(manifest: Mapping[str, Any], columns: int, verbose: bool) -> Iterator[str]:
+def _told(
+    manifest: Mapping[str, Any], columns: int, verbose: bool, most_notes: int = MOST_NOTES
+) -> Iterator[str]:
     """Yield all but the files."""
-    from medialis.operations.result import value_rows
+    from medialis.operations.result import INNER, value_rows
 
     values, unit = manifest["values"], manifest["unit"]
     yield f"{manifest['operation'].replace('_', ' ')} of {manifest['input']}"
@@ -245,15 +243,18 @@ def _told(manifest: Mapping[str, Any], columns: int, verbose: bool) -> Iterator[
     for name in tables:
         most = MOST_BRANCHES if name == "branch_table" else MOST_ROWS // len(tables)
         yield from _indented(_table(*TABLES[name], values[name], most, unit))
-    for text in _notes(manifest, verbose):
+    if manifest.get("replaced"):
+        told = ", ".join(f"{name} {value}" for name, value in manifest["replaced"].items())
+        yield f"replaces the earlier result ({told})"
+    for text in _notes(manifest, verbose, most_notes):
         yield from textwrap.wrap(text, columns, subsequent_indent="  ", break_long_words=False)
 
 
-def _notes(manifest: Mapping[str, Any], verbose: bool) -> Iterator[str]:
+def _notes(manifest: Mapping[str, Any], verbose: bool, most: int) -> Iterator[str]:
     """Yield warnings, then notes; how many are left out."""
     said = list(zip(manifest["messages"], manifest["notes"], strict=True))
     said.sort(key=lambda one: (not one[1]["warning"], one[1]["code"] in SAID_LAST))
-    shown = said if verbose else [one for one in said if not _is_inner(one[1])][:MOST_NOTES]
+    shown = said if verbose else [one for one in said if not _is_inner(one[1])][:most]
     for message, about in shown:
         yield f"{'warning' if about['warning'] else 'note'}: {message}"
     if len(shown) < len(said):
@@ -329,9 +330,13 @@ def _table(
 
 
 def _first(things: Sequence[Mapping[str, Any]], most: int) -> list[tuple[int, Mapping[str, Any]]]:
-    """Return the first ones with their numbers; of branches the longest ones."""
-    numbered = list(enumerate(things, 1))
-    if "position" not in things[0]:
+    """Return the first ones with their numbers; of branches the longest ones.
+
+    Places are numbered from 1, branches from 0: as in all files.
+    """
+    are_places = "position" in things[0]
+    numbered = list(enumerate(things, 1 if are_places else 0))
+    if not are_places:
         numbered.sort(key=lambda one: -one[1]["length"])
     return numbered[:most]
 

@@ -143,8 +143,8 @@ class CurveSkeletonOptions(Options):
     threshold: float = length(
         0.02,
         "Importance",
-        "How large a limb must be to get a branch: its surface is at least a square with this "
-        "share of the size as its side. Larger values leave out small limbs.",
+        "Limbs with less surface than a square get no branch; the side of the square is this "
+        "share of the size. Larger values leave out more limbs.",
     )
     smoothing: float = number(
         0.7,
@@ -157,9 +157,9 @@ class CurveSkeletonOptions(Options):
     candidates: float = length(
         0.005,
         "Candidates",
-        "Skeleton points are candidates when geodesics of this share of the size, and at least "
-        "as long as half round a limb of their radius, start from them to opposite sides. Smaller "
-        "values find thinner limbs, and more noise.",
+        "A point of the surface skeleton may lie on the curve where shortest paths round its limb "
+        "are at least this long, as a share of the size. Smaller values find thinner limbs, and "
+        "more noise.",
         low=0.0001,
         advanced=True,
     )

@@ -344,7 +344,7 @@ def _graphml(
 
 def _csv_text(graph: CurveSkeleton, unit: str | None) -> str:
     """Return a line a branch; heads have units, and angles are in degrees."""
-    heads, columns = ["branch"], [list(range(1, graph.branch_count + 1))]
+    heads, columns = ["branch"], [list(range(graph.branch_count))]
     for name, values in graph.branch_table.items():
         own = unit_of(name, unit)
         heads.append(f"{name} ({own})" if own else name)
@@ -639,10 +639,9 @@ OPERATION = Operation(
     label="Curve skeleton",
     group="Skeleton",
     help="Compute the curve skeleton of a mesh: a graph along the middle of its parts.\n\n"
-    "It runs along the points of the surface skeleton from which geodesics start to all sides. The "
-    "graph has one component for each part of the shape and one loop for each handle; it lies "
-    "inside the shape. Each node has its radius, each point of the surface its branch. Needs a "
-    "mesh; thin sheets have no meaningful curve skeleton.",
+    "The graph runs in the middle of the limbs. It has one component for each part of the shape "
+    "and one loop for each handle; it lies inside the shape. Each node has its radius, each point "
+    "of the surface its branch. Needs a mesh; thin sheets have no meaningful curve skeleton.",
     source="thesis 3.6",
     examples=(
         ("creature.ply --formats swc,graphml", "a graph for neuron and network tools"),

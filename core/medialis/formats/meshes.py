@@ -233,6 +233,8 @@ class MeshData:
     planes : (m,) int32 or None
         The flat face of the model that each lies on, -1 for none; `normals` are those of the model
         then, zero at its edges.
+    own_up : str or None
+        The axis that points up, where the file says it, as Collada does.
     """
 
     points: FloatArray
@@ -244,11 +246,12 @@ class MeshData:
     unit: str | None = None
     patches: IntArray | None = None
     planes: IntArray | None = None
+    own_up: str | None = None
 
     @property
     def up(self) -> str | None:
-        """The axis that points up in files of this format, "y" or "z"; None where it has none."""
-        return UP.get(self.format)
+        """The axis that points up, as the file says or files of its format have it, else None."""
+        return self.own_up or UP.get(self.format)
 
 
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
@@ -299,7 +302,7 @@ def _read_foreign(kind: str, data: bytes, name: str) -> MeshData:
     found = parsed_foreign(kind, data, name)
     counts = np.full(len(found.faces), 3, np.int64)
     mesh = _checked(ParsedMesh(found.points, counts, found.faces.ravel()), kind, ())
-    mesh = replace(mesh, unit=found.unit)
+    mesh = replace(mesh, unit=found.unit, own_up=_collada_up(data) if kind == "dae" else None)
     if found.patches is None:
         return mesh
     faces = int(found.patches.max()) + 1
@@ -310,6 +313,12 @@ def _read_foreign(kind: str, data: bytes, name: str) -> MeshData:
         told["normals"] = frozen(found.normals, np.float64)
         told["planes"] = frozen(found.planes, np.int32)
     return replace(mesh, **told)
+
+
+def _collada_up(data: bytes) -> str:
+    """Return the axis that points up in a Collada file: y where it does not say."""
+    found = re.search(rb"<up_axis>\s*([XYZ])_UP\s*</up_axis>", data)
+    return found[1].decode().lower() if found else "y"
 
 
 def _check_unpacked(data: bytes) -> None:

@@ -244,7 +244,7 @@ def _note_topology(
             if a != b
         )
         progress.warn(
-            f"The topology of the mesh was not reached: the complex has {off}.",
+            f"The topology of the mesh was not reached: the fine mesh has {off}.",
             "topology_off",
             found=list(found.betti),
             wanted=list(wanted),

@@ -1,45 +1,74 @@
 """Sheets of a fine complex that change its envelope little are taken away, as wholes.
 
-A sheet with a free rim goes when each of its balls sticks out of a ball that stays by less than a
-bound. It is taken from its rim by elementary collapses, so the topology stays; where others are one
+Sheets go as long as no sample of the surface is farther than a bound from the balls of those that
+stay, the largest ones: so of what sticks out only where others do so too, nothing is left. They are
+taken from their free rims by elementary collapses, so the topology stays; where others are one
 sheet then, they are looked at again.
+
+Of shapes that are nearly balls most balls are of no use either. All lie in one place, and nearly
+all of the surface is as far from each: they would take long to fit, to follow the mesh's triangles.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, Ragged, kd_tree
+from medialis.base.arrays import Index, Mask, Ragged
+from medialis.base.box_tree import NearestTree
 from medialis.base.validation import FloatArray
 from medialis.medial_meshes.fine_complex import FineComplex
 from medialis.medial_meshes.mesh import Complex, sheets_of
+from medialis.medial_meshes.sampling import Solid
 
-AROUND = 12
-"""Balls that stay next to one that goes, that are looked at: the larger ones may be farther."""
+AT_ONCE = 0.5
+"""Share of the size of the largest sheet from which on sheets come back in the same step."""
 
 ROUNDS = 8
 """In which fins are sought, at most: each makes sheets that were cut by fins one."""
 
 
+ROUND = 0.02
+"""Diagonals: nearly a ball is what fits between two balls round one place that differ by less."""
+
+NO_MATTER = 1e-3
+"""Diagonals: errors that nobody sees; more balls are not tried."""
+
+LOWERED, STUCK = 0.75, 2
+"""Twice as many balls, this often, have to lower the error below this share of it."""
+
+
 def finless(fine: FineComplex, bound: float) -> FineComplex:
-    """Return a fine complex without fins; candidates belong to the ball next to theirs then."""
-    now, place = without_fins(Complex(fine.balls, fine.edges, fine.faces), bound)
+    """Return a fine complex without fins; candidates belong to the ball next to them then."""
+    chosen = fine.samples.chosen
+    touched = Touched(fine.samples.points[chosen], fine.pole[chosen])
+    now, place = without_fins(Complex(fine.balls, fine.edges, fine.faces), touched, bound)
     pole = place[fine.pole]
     lost = np.flatnonzero(pole < 0)
     if len(lost):
-        pole[lost] = kd_tree(now.balls[:, :3]).query(fine.balls[fine.pole[lost], :3])[1]
+        tree = NearestTree.of_balls(now.balls[:, :3], now.balls[:, 3])
+        pole[lost] = tree.distances(fine.samples.points[lost])[1]
     return FineComplex(now.balls, now.edges, now.faces, fine.samples, pole, fine.betti)
 
 
-def without_fins(given: Complex, bound: float) -> tuple[Complex, Index]:
+class Touched(NamedTuple):
+    """Places of a surface (q, 3), and the ball that touches each, (q,)."""
+
+    places: FloatArray
+    ball: Index
+
+
+def without_fins(given: Complex, touched: Touched, bound: float) -> tuple[Complex, Index]:
     """Return a complex without fins, and the row of each vertex in it, -1 where it is gone.
 
-    `bound` is how far, at most, a ball of a fin sticks out of one that stays.
+    No place is farther than `bound` from the balls that stay.
     """
     place = np.arange(len(given))
     now = Complex(given.balls, np.sort(given.edges, axis=1), np.sort(given.faces, axis=1))
     for _ in range(ROUNDS):
-        low = _low_sheets(now, bound)
+        low = _low_sheets(now, touched, bound)
         if not low.any():
             break
         vertices, edges, faces = _taken(now, low)
@@ -48,42 +77,49 @@ def without_fins(given: Complex, bound: float) -> tuple[Complex, Index]:
         number = np.where(vertices, np.cumsum(vertices) - 1, -1)
         now = Complex(now.balls[vertices], number[now.edges[edges]], number[now.faces[faces]])
         place = np.where(place >= 0, number[place], -1)
+        ball = number[touched.ball]
+        if len(lost := np.flatnonzero(ball < 0)):
+            tree = NearestTree.of_balls(now.balls[:, :3], now.balls[:, 3])
+            ball[lost] = tree.distances(touched.places[lost])[1]
+        touched = touched._replace(ball=ball)
     return now, place
 
 
-def _low_sheets(now: Complex, bound: float) -> Mask:
-    """Tell which triangles belong to sheets that others stand for, (f,)."""
+def _low_sheets(now: Complex, touched: Touched, bound: float) -> Mask:
+    """Tell which triangles belong to sheets that others stand for, (f,).
+
+    The largest one stays; the others come back, large ones first, until all places are within the
+    bound of the balls that stay: a small one may have no place then that others do not stand for.
+    """
     sheet = sheets_of(now.balls[:, :3], now.faces).of_faces
     count = int(sheet.max(initial=-1)) + 1
-    order = np.argsort(np.bincount(sheet, minlength=count), kind="stable")
-    within = np.full(len(now), -1)  # the sheet of vertices within one, or on its free rim
-    low = np.full(len(now), count)
-    high = np.full(len(now), -1)
-    for corner in now.faces.T:
-        np.minimum.at(low, corner, sheet)
-        np.maximum.at(high, corner, sheet)
-    alone = (low == high) & (high >= 0)
-    within[alone] = high[alone]
-    worst = np.zeros(count)
-    own = np.flatnonzero(within >= 0)
-    largest = order[-1] if count else -1
-    own = own[within[own] != largest]
-    stays = _excess(now.balls, own, within)
-    np.maximum.at(worst, within[own], stays)
-    fins = worst < bound
-    if count:
-        fins[largest] = False
-    return np.asarray(fins[sheet])
-
-
-def _excess(balls: FloatArray, rows: Index, sheet: Index) -> FloatArray:
-    """Return by how much balls stick out of the one, of no or another sheet, that holds most."""
-    if len(rows) == 0:
-        return np.empty(0)
-    far, near = kd_tree(balls[:, :3]).query(balls[rows, :3], k=min(AROUND * 4, len(balls)))
-    excess = far + balls[rows, 3:] - balls[near, 3]
-    excess[sheet[near] == sheet[rows][:, None]] = np.inf
-    return np.asarray(excess.min(axis=1))
+    if count == 0:
+        return np.zeros(0, bool)
+    size = np.bincount(sheet, minlength=count)
+    stays = np.arange(count) == size.argmax()
+    of_ball = np.full(len(now), -1)
+    np.maximum.at(of_ball, now.faces.ravel(), np.repeat(sheet, 3))
+    here = np.zeros(len(now), bool)
+    added = of_ball < 0
+    far = np.full(len(touched.places), np.inf)
+    while True:
+        added[now.faces[stays[sheet]]] = True
+        added &= ~here
+        here |= added
+        balls = now.balls[added]
+        if len(balls):
+            tree = NearestTree.of_balls(balls[:, :3], balls[:, 3])
+            rest = np.flatnonzero(far > bound)
+            far[rest] = np.minimum(far[rest], tree.distances(touched.places[rest])[0])
+        far[here[touched.ball]] = 0.0
+        worst = np.zeros(count + 1)
+        np.maximum.at(worst, of_ball[touched.ball], far)
+        back = (worst[:count] > bound) & ~stays
+        if not back.any():
+            break
+        stays |= back & (size >= AT_ONCE * size[back].max())
+        added = np.zeros(len(now), bool)
+    return ~stays[sheet]
 
 
 def _taken(now: Complex, low: Mask) -> tuple[Mask, Mask, Mask]:
@@ -110,3 +146,30 @@ def _taken(now: Complex, low: Mask) -> tuple[Mask, Mask, Mask]:
     dual = Dual(edges, np.ascontiguousarray(sides), by_vertex.offsets, items)
     prune(dual, loose, np.where(low, 0.0, 1.0), 0.5, live)
     return live.vertices, live.edges, live.faces
+
+
+def is_round(solid: Solid, fine: FineComplex) -> bool:
+    """Tell whether a solid is nearly a ball."""
+    if fine.betti != (1, 0, 0):
+        return False
+    largest = fine.balls[fine.balls[:, 3].argmax()]
+    far = np.linalg.norm(solid.points[solid.corners] - largest[:3], axis=1).max()
+    return bool(far - largest[3] < ROUND)
+
+
+def useful(
+    fitted: Callable[[int], Complex], error: Callable[[Complex], float], most: int
+) -> Complex | None:
+    """Return the mesh of as many balls as are useful; None where all of `most` may be."""
+    found, errors = [fitted(1)], [np.inf]
+    errors[0] = error(found[0])
+    while errors[-1] > NO_MATTER:
+        if len(errors) > STUCK and errors[-1] > LOWERED * errors[-1 - STUCK]:
+            break
+        wanted = 1 << len(found)
+        if wanted >= most:
+            return None
+        found.append(fitted(wanted))
+        errors.append(error(found[-1]))
+    first = next(k for k, one in enumerate(errors) if LOWERED * one <= min(errors))
+    return found[first] if len(found[first]) < most else None

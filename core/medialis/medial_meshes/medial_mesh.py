@@ -21,7 +21,7 @@ from medialis.base.validation import FloatArray, require_rows
 from medialis.medial_meshes.distances import boundary_points, measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
-from medialis.medial_meshes.fins import finless
+from medialis.medial_meshes.fins import finless, is_round, useful
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
 from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
@@ -59,6 +59,9 @@ APART = 0.04  # halved 44 %, doubled 98 %
 
 NEARLY_WORST = 0.6  # halved 100 %, doubled 100 %
 """Part of the largest error from which on a place gets a ball in the same round."""
+
+LEAST_SHARE = 0.01
+"""The same where balls are still missing in the end, at least."""
 
 TRIED = 100  # halved 0 %, doubled 0 %
 """Faults that are looked at for each ball to be added, at most: the worst."""
@@ -101,7 +104,8 @@ MANY = 600  # halved 0 %, doubled 0 %
 sheets stay whole; with fewer balls, merging across seams leaves smaller errors."""
 
 FIN = 1e-3
-"""Diagonals: so much, at most, may balls of a sheet stick out of others where it is taken away."""
+"""Diagonals: so far, at most, samples may be from the balls that stay where sheets are taken away.
+"""
 
 START = 0.8  # halved 100 %, doubled 88 %
 """Share of the balls that the collapse leaves; the rest is added where the fit is worst."""
@@ -258,13 +262,15 @@ def faults_of(fit: Fit, fine: FloatArray) -> Fault:
     return Fault.joined([off, out])
 
 
-def refined(given: Complex, faults: Fault, most: int, apart: float = APART) -> Complex:
-    """Add at most this many balls to a complex, where the faults are worst."""
+def refined(
+    given: Complex, faults: Fault, most: int, apart: float = APART, share: float = NEARLY_WORST
+) -> Complex:
+    """Add at most this many balls to a complex, for faults of some share of the worst."""
     order = np.argsort(-faults.errors, kind="stable")[: TRIED * most]
     done: list[FloatArray] = []
     result = given
     for i in order:
-        if len(done) == most or faults.errors[i] < NEARLY_WORST * faults.errors[order[0]]:
+        if len(done) == most or faults.errors[i] < share * faults.errors[order[0]]:
             break
         place = faults.places[i]
         if any(((place - other) ** 2).sum() < apart**2 for other in done):
@@ -439,6 +445,10 @@ class Search:
             while len(now) < wanted and apart > 1e-3:
                 now = refined(now, faults, wanted - len(now), apart)
                 apart /= 2
+            share = NEARLY_WORST
+            while left == 1 and len(now) < wanted and share > LEAST_SHARE:
+                share /= 2
+                now = refined(now, faults, wanted - len(now), APART, share)
             fit = self._fitted(now, self._early.with_within(places), "round")
         return fit
 
@@ -540,8 +550,8 @@ class MedialMeshOptions(Options):
     samples: int = whole(
         5000,
         "Samples",
-        "Samples of the fine complex, about; more where the shape is thin or its topology needs "
-        "them.",
+        "About how many samples the fine mesh is computed from; more where the shape is thin or "
+        "its topology needs them.",
         low=100,
         high=1_000_000,
         advanced=True,
@@ -549,12 +559,12 @@ class MedialMeshOptions(Options):
     relief: float = length(
         0.002,
         "Relief",
-        "Bumps that stand out less leave no branch in the fine complex.",
+        "Bumps that stand out less than this leave no branch in the fine mesh.",
         high=0.1,
         advanced=True,
     )
     seed: int = whole(
-        0, "Seed", "Another one draws other samples.", low=0, high=2**31 - 1, advanced=True
+        0, "Seed", "Another number draws other samples.", low=0, high=2**31 - 1, advanced=True
     )
 
 
@@ -617,12 +627,14 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
         if options.error:
             found = _smallest(base, options, progress)
         else:
-            found = Search(base, options.balls, options.seed, progress).run(options.quality)
+            found = _useful(base, options, progress)
     samples = base.fine.samples
     fewer = LateCollapse(lambda: coarser(samples, found, base.roof).placed(scale, middle))
     wanted, count = options.balls, len(found)
     if count != wanted and not options.error:
         why = "its topology needs them" if count > wanted else "its fine complex has no more"
+        if is_round(base.solid, base.fine):
+            why = "the shape is nearly a ball, and more are of no use"
         text = f"The mesh has {counted(count, 'ball')} instead of {wanted:,}: {why}."
         progress.note(text, "ball_count", balls=count, wanted=wanted)
     finer = base.sequence.placed(scale, middle)
@@ -675,6 +687,19 @@ def _solid(shape: Shape, progress: Progress) -> tuple[Solid, Roof | None]:
         return solid, roof_of(solid)
 
     return kept(_solid, shape, (), work, progress)
+
+
+def _useful(base: Base, options: MedialMeshOptions, progress: Progress) -> Complex:
+    """Return as many balls as are wanted, fewer where more are of no use."""
+
+    def fitted(balls: int, quality: str = "fast") -> Complex:
+        return Search(base, balls, options.seed, progress).run(quality)
+
+    if base.roof is None and is_round(base.solid, base.fine):
+        found = useful(fitted, base.error, options.balls)
+        if found is not None:
+            return found
+    return fitted(options.balls, options.quality)
 
 
 def _smallest(base: Base, options: MedialMeshOptions, progress: Progress) -> Complex:

@@ -395,6 +395,23 @@ def seams_layer(mesh: MedialMesh) -> tuple[Layer, ...]:
     return (Layer("medial_mesh_seams", mesh.centers[balls], edges=edges, **known),)
 
 
+def junctions_of(mesh: MedialMesh) -> Index:
+    """Return the balls where three seams or more meet."""
+    balls, uses = np.unique(mesh.sheets.seams, return_counts=True)
+    return balls[uses > 2]
+
+
+def junctions_layer(mesh: MedialMesh) -> tuple[Layer, ...]:
+    """Return the balls where seams meet, as a layer; none without any."""
+    balls = junctions_of(mesh)
+    if not len(balls):
+        return ()
+    uses = np.bincount(mesh.sheets.seams.ravel(), minlength=len(mesh))[balls]
+    attributes = {"radius": mesh.radii[balls], "seams": uses.astype(np.int32)}
+    known: dict[str, Any] = {"color_by": "seams", "role": "hidden", "attributes": attributes}
+    return (Layer("medial_mesh_junctions", mesh.centers[balls], **known),)
+
+
 MOST_LEVELS = 6
 
 
@@ -427,7 +444,7 @@ class MedialMeshRun(MedialMeshOptions, EnvelopeSurfaceOptions):
     threshold: float = length(
         0.0,
         "Importance from",
-        "Take balls that are less important than this share of the size from the rims; the "
+        "Remove balls from the rims that are less important than this share of the size; the "
         "topology stays. 0 keeps all.",
         high=10.0,
     )
@@ -462,7 +479,8 @@ def run(shape: Shape, options: MedialMeshRun, progress: Progress) -> Outcome:
     known: dict[str, Any] = {"role": role, "formats": ("glb", "obj")}
     surface = Layer("medial_mesh_envelope", envelope.points, envelope.faces, **known)
     cover = ball_cover(mesh, shape) if options.cover else None
-    layers = [replace(first, formats=("ma",)), surface, *seams_layer(mesh)]
+    layers = [replace(first, formats=("ma",)), surface]
+    layers += [*seams_layer(mesh), *junctions_layer(mesh)]
     values = _values(mesh, error, shape)
     if importance is not None:
         values |= summary(importance, "importance")
@@ -544,6 +562,7 @@ def _values(mesh: MedialMesh, error: EnvelopeDistance, shape: Shape) -> dict[str
         "sheets": int(sheets.of_faces.max(initial=-1)) + 1,
         "seams": len(polylines(sheets.seams, len(mesh))),
         "seam_edges": len(sheets.seams),
+        "junctions": len(junctions_of(mesh)),
         "largest_error": error.largest,
         "surface_to_envelope": error.surface_to_envelope,
         "envelope_to_surface": error.envelope_to_surface,
@@ -561,7 +580,7 @@ OPERATION = Operation(
     filter_name="generate_medial_mesh",
     label="Medial mesh",
     group="Skeleton",
-    help="Compute the shape as few balls, connected with the topology of the solid.\n\n"
+    help="Describe a shape by few balls, joined into a mesh with the topology of the solid.\n\n"
     "Balls are joined by edges and triangles: cones and slabs between them fill the shape. The "
     "number of balls, or the largest distance to the surface, is chosen; the rest follows. The "
     "union of balls, cones and slabs comes as a closed mesh of its own, and the balls as a file "
@@ -579,6 +598,7 @@ OPERATION = Operation(
         "triangle",
         "medial_mesh_envelope": "the union of balls, cones and slabs as a closed mesh",
         "medial_mesh_seams": "the curves where three sheets or more meet",
+        "medial_mesh_junctions": "the balls where three seams or more meet",
         "ball_cover": "balls that hold the whole surface",
         **{
             f"medial_mesh_level_{number}": f"the mesh merged to 1/{1 << number} of the balls"

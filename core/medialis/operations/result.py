@@ -29,8 +29,18 @@ WORDS = {
     "y_curves": "Y-curves",
     "y_length": "Y-curve length",
     "seams": "Y-curves",
+    "seam": "Y-curve",
+    "medial_mesh_seams": "medial mesh Y-curves",
 }
 """What values are called for people, where that is not their name."""
+
+INNER = {
+    *("open_balls", "without_normal", "between_parts", "along_edges", "expected_loops_certain"),
+    *("candidates", "kept_candidates", "sheet_share", "kept_points", "spacing", "unlabelled"),
+    *("seam_edges", "fewest_balls", "most_balls", "unassigned_samples"),
+}
+"""Values that tell how it was computed: people see them with --verbose, and in
+the manifest."""
 
 
 def value_words(name: str) -> str:

@@ -1,10 +1,12 @@
-"""Cylinders: the round walls, bends, bores and fillets of a part, known as such (for thesis 3.2).
+"""Cylinders and spheres: round walls, bends, bores, fillets and corners of a part (for thesis 3.2).
 
 The vertices of a tessellated part lie on its surface. A cylinder is cut into needles, and needles
 beside each other whose corners lie on one circle, as seen along them, are one. So that this is no
 chance, more corners lie on it than a circle needs, and far nearer than its chords lie off it. From
 the needles a cylinder grows over the faces beside them that have all corners on it: where another
 surface cuts it, its triangles are no needles.
+
+What is left between them, and lies on one sphere, is that: a corner where three blends meet.
 
 There the smooth surface is known, and neither its normals nor its places are guessed.
 """
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Mask, next_side, unit_rows
 from medialis.base.validation import Directions, FloatArray, IntArray, Positions, frozen
 from medialis.shape.rulings import SHORTER, is_part, needles
-from medialis.shape.surface import Surface
+from medialis.shape.surface import Surface, piece_labels
 
 Rows = NDArray[np.int64]
 
@@ -51,6 +53,9 @@ MOST_TRIES = 400  # halved 0 %, doubled 0 %
 SAME_WAY = math.cos(math.radians(1.0))  # halved 0 %, doubled < 0.1 %
 """Cosine: directions of one axis, and normals of one surface."""
 
+TANGENT = math.cos(math.radians(10.0))
+"""The same for means of the normals of two chords."""
+
 FITS = 12  # halved 0 %, doubled 0 %
 """Rounds of fitting at most: two are enough where the places are exact."""
 
@@ -64,16 +69,16 @@ FACING = 0.5
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cylinders:
-    """Cylinders of a mesh of m faces.
+    """Cylinders, and spheres between them, of a mesh of m faces.
 
     Attributes
     ----------
     label : (m,) int32
         The cylinder of each face; -1: none.
     axes : (c, 3) float64
-        Unit vectors.
+        Unit vectors; zero: a sphere.
     centers : (c, 3) float64
-        A point of each axis.
+        A point of each axis, or the center of the sphere.
     radii : (c,) float64
     signs : (c,) float64
         1 where the outside of the part is outside of the cylinder, -1 in a bore.
@@ -150,7 +155,48 @@ def find_cylinders(surface: Surface, planes: IntArray, crease: float) -> Cylinde
     number = np.append(np.where(no_more, -1, np.cumsum(~no_more) - 1), -1)
     label = frozen(number[label], np.int32)
     cylinders = _table(label, [one for one, bad in zip(found, no_more, strict=True) if not bad])
-    return replace(cylinders, label=_grown(surface, planes, cylinders, crease, near))
+    cylinders = replace(cylinders, label=_grown(surface, planes, cylinders, crease, near))
+    return _with_spheres(surface, planes, cylinders, crease, near)
+
+
+def _with_spheres(
+    surface: Surface, planes: IntArray, cylinders: Cylinders, crease: float, near: float
+) -> Cylinders:
+    """Add what is rounded between flat faces and cylinders where all of it lies on a sphere."""
+    label, faces = np.array(cylinders.label), np.asarray(surface.faces)
+    rest = (planes < 0) & (label < 0)
+    if not rest.any() or rest.all():
+        return cylinders
+    first, second, opposite = surface.edge_table.pairs
+    one, two = first // 3, second // 3
+    inner = opposite & (surface.edge_bends <= crease) & rest[one] & rest[two]
+    rows = np.flatnonzero(rest)
+    piece = piece_labels(len(faces), np.stack([one[inner], two[inner]], axis=1))[rows]
+    order = np.argsort(piece, kind="stable")
+    found: list[_Fitted] = []
+    pieces = np.split(rows[order], np.flatnonzero(np.diff(piece[order])) + 1)
+    pieces = [some for some in pieces if len(some) >= LEAST_FACES]
+    for some in sorted(pieces, key=lambda some: -len(some))[:MOST_TRIES]:
+        points = surface.points[np.unique(faces[some])]
+        origin = points.mean(axis=0)
+        local = points - origin
+        system = np.column_stack([2.0 * local, np.ones(len(local))])
+        right = np.einsum("pa,pa->p", local, local)
+        center, *rank = np.linalg.lstsq(system, right, rcond=None)
+        radius = math.sqrt(max(center[3] + center[:3] @ center[:3], 0.0))
+        off = np.linalg.norm(local - center[:3], axis=1) - radius
+        middle = surface.points[faces[some]].mean(axis=1) - origin - center[:3]
+        bulge = radius - float(np.median(np.linalg.norm(middle, axis=1)))
+        if rank[1] < 4 or np.abs(off).max() > near or bulge < CLEARLY * near:
+            continue
+        facing = math.copysign(1.0, np.einsum("fa,fa->f", middle, surface.face_vectors[some]).sum())
+        ball = np.zeros(3), origin + center[:3], radius, facing, len(points)
+        if _ends_tangent(surface, some, rest, _table(label, [ball])):
+            label[some] = len(cylinders.radii) + len(found)
+            found.append(ball)
+    more = _table(frozen(label, np.int32), found)
+    both = zip(*((c.axes, c.centers, c.radii, c.signs) for c in (cylinders, more)), strict=True)
+    return Cylinders(more.label, *(np.concatenate(pair) for pair in both))
 
 
 def _are_sure(
@@ -251,6 +297,25 @@ def _chains(surface: Surface, planes: IntArray, crease: float) -> list[Rows]:
         chains.append(np.array(chain, np.int64))
     areas = [float(surface.face_areas[chain].sum()) for chain in chains]
     return [chains[k] for k in np.argsort(-np.array(areas), kind="stable")]
+
+
+def _ends_tangent(surface: Surface, faces: Rows, rest: Mask, ball: Cylinders) -> bool:
+    """Tell whether a sphere is tangent to what is round it along half of its border or more.
+
+    Any two parallel circles lie on a sphere, as those of a cone do.
+    """
+    beside = surface.face_adjacency[faces]
+    row, side = np.nonzero((beside >= 0) & ~rest[beside])
+    corners, face = np.asarray(surface.faces), faces[row]
+    ends = surface.points[corners[face, side]], surface.points[corners[face, (side + 1) % 3]]
+    length = np.linalg.norm(ends[1] - ends[0], axis=1)
+    other = beside[row, side]
+    # Both are chords there: the surface has the mean of their normals.
+    mean = unit_rows(surface.face_normals[face] + surface.face_normals[other], 1e-300)
+    cosine = np.einsum(
+        "fa,fa->f", ball.normals(np.zeros(len(row), int), (ends[0] + ends[1]) / 2), mean
+    )
+    return bool(length[cosine >= TANGENT].sum() > 0.5 * length.sum())
 
 
 def _fit(surface: Surface, faces: Rows, near: float, least: int) -> _Fitted | None:

@@ -247,6 +247,12 @@ def _widths(regions: _Regions, borders: _Borders, surface: Surface) -> FloatArra
     across = np.cross(borders.along, regions.normal[borders.one])
     wide = 2.0 * regions.area[borders.one] / np.maximum(borders.length, 1e-300)
     count = regions.count[borders.one]
+    rows = np.flatnonzero(count > 2)
+    if len(rows):
+        # A square is as wide as this, and a ring half as wide: the top one of a torus is no plate.
+        around = _perimeters(surface, regions)[borders.one[rows]]
+        most = 4.0 * regions.area[borders.one[rows]] / np.maximum(around, 1e-300)
+        wide[rows] = np.minimum(wide[rows], most)
     order = np.argsort(regions.label, kind="stable")
     begin = (np.cumsum(regions.count) - regions.count)[borders.one]
     rows = np.flatnonzero(count == 1)
@@ -272,6 +278,16 @@ def _widths(regions: _Regions, borders: _Borders, surface: Surface) -> FloatArra
         extent -= np.minimum.reduceat(height.min(axis=1), start)
         wide[rows] = np.minimum(wide[rows], extent)
     return wide
+
+
+def _perimeters(surface: Surface, regions: _Regions) -> FloatArray:
+    """Return the length of all sides of faces where a region ends, (r,)."""
+    beside = surface.face_adjacency
+    face, side = np.nonzero((beside < 0) | (regions.label[beside] != regions.label[:, None]))
+    corners = np.asarray(surface.faces)
+    step = surface.points[corners[face, (side + 1) % 3]] - surface.points[corners[face, side]]
+    length = np.linalg.norm(step, axis=1)
+    return np.bincount(regions.label[face], length, len(regions.area)).astype(np.float64)
 
 
 def _looks_like_facets(regions: _Regions, borders: _Borders, wide: FloatArray) -> Mask:

@@ -219,7 +219,7 @@ def read_shape(
         glTF, 3MF, Collada and STEP do, the others do not.
     up : {"x", "y", "z"}, optional
         The axis that points up in pictures. Else that of the format: y in glTF, z in STL, 3MF and
-        STEP; of the others it is guessed from the shape.
+        STEP, what a Collada file says; of the others it is guessed from the shape.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 

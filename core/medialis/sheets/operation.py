@@ -35,7 +35,9 @@ from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptio
 class PointTypesRun(Preparation):
     """Options of the operation `point_types`."""
 
-    filter_rim: bool = flag(False, "Leave out the rim", "Leave out points of type 1 (A3).")
+    filter_rim: bool = flag(
+        False, "Leave out the rim", "Leave out points of type 1, those on the rim."
+    )
     side: Side = changed(ShrinkOptions, "side")
 
 

@@ -20,6 +20,7 @@ from medialis.base.validation import (
     as_whole_number,
     frozen,
 )
+from medialis.shape.shape import Shape
 
 FIELD_OF_VIEW = math.radians(30.0)
 """Vertical field of view of a perspective camera that `Camera.framing` makes."""
@@ -174,6 +175,35 @@ def default_view(points: ArrayLike, up: str | None = None) -> tuple[FloatArray, 
     side = np.cross(upward, front)
     level = front * math.cos(yaw) + side * math.sin(yaw)
     return unit_direction(level * math.cos(pitch) + upward * math.sin(pitch), "direction"), upward
+
+
+SPREAD = 4096
+"""Places that a surface is judged by: its vertices may be anywhere."""
+
+
+def shape_view(shape: Shape) -> tuple[FloatArray, FloatArray]:
+    """Return `default_view` of a surface: the same however finely it is divided into triangles.
+
+    It is judged by places that are spread evenly over its area; a cloud by its points.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> direction, up = shape_view(medialis.organic_shape(56))
+    >>> up.tolist()
+    [0.0, 0.0, 1.0]
+    """
+    if shape.faces is None or not shape.face_areas.sum() > 0:
+        return default_view(shape.points, shape.up)
+    reached = np.cumsum(shape.face_areas)
+    row = np.arange(SPREAD)
+    face = np.searchsorted(reached, (row + 0.5) / SPREAD * reached[-1])
+    # An additive sequence in a square, folded into a triangle, is even and always the same.
+    u, v = (np.outer([0.7548776662466927, 0.5698402909980532], row) + 0.5) % 1.0
+    outside = u + v > 1.0
+    u, v = np.where(outside, 1.0 - u, u), np.where(outside, 1.0 - v, v)
+    a, b, c = (shape.points[shape.faces[face, k]] for k in range(3))
+    return default_view(a + u[:, None] * (b - a) + v[:, None] * (c - a), shape.up)
 
 
 MAX_PIXELS = 16384

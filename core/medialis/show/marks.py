@@ -45,7 +45,10 @@ def seen(
 
 
 def write_texts(image: Image, camera: Camera, places: FloatArray, texts: Sequence[str]) -> None:
-    """Write a text beside each place (k, 3), the first ones first; none over another."""
+    """Write a text beside each place (k, 3), the first ones first; none over another.
+
+    One that has to go away from its place has a line to it; none goes out of the picture.
+    """
     size = max(7, round(min(image.shape[0], image.shape[1]) / 64))
     at, _ = camera.project(places)
     taken: list[tuple[float, float, float, float]] = []
@@ -58,8 +61,13 @@ def write_texts(image: Image, camera: Camera, places: FloatArray, texts: Sequenc
         for step in (0, -1, 1, -2, 2, -3, 3):
             top = row - size / 2 + 2 * size * step
             box = left - size / 2, top - size / 2, left + wide + size / 2, top + 1.5 * size
-            if not any(_overlap(box, other) for other in taken):
+            inside = box[1] >= 0 and box[3] <= image.shape[0]
+            if inside and not any(_overlap(box, other) for other in taken):
                 taken.append(box)
+                if step:
+                    near = box[0] if left > column else box[2], (box[1] + box[3]) / 2
+                    start = np.array([column, row])
+                    _line(image, start, np.array(near), max(size / 10, 1.0), (60, 60, 60))
                 _plate(image, box)
                 draw_text(image, text, top, left, size)
                 break

@@ -48,14 +48,15 @@ class BallReconstructionRun(Preparation):
 def run(shape: Shape, options: BallReconstructionRun, progress: Progress) -> Outcome:
     """Render the union of the balls beside the surface and compare them pixel by pixel."""
     from medialis.show.annotation import contact_sheet
-    from medialis.show.camera import Camera
+    from medialis.show.camera import Camera, shape_view
     from medialis.show.reconstruction import progressive, reconstruct_image
 
     with progress.stage("skeleton", 0.0, 0.3):
         cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
     size = options.size
-    camera = Camera.framing(fine.points, up=fine.up, width=size, height=size)
+    direction, up = shape_view(fine)
+    camera = Camera.framing(fine.points, direction=direction, up=up, width=size, height=size)
     with progress.stage("reconstruct", 0.3, 0.6 if options.progressive else 1.0):
         found = reconstruct_image(cloud, camera, progress=progress)
     if math.isnan(found.median_difference):

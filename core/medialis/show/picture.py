@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import unit_rows
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
-from medialis.base.options import Kind
+from medialis.base.options import Kind, with_unit
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.validation import (
@@ -26,8 +26,9 @@ from medialis.base.validation import (
     as_field,
     as_number,
     as_points,
+    frozen,
 )
-from medialis.operations.result import Layer, Outcome, quantity, value_text
+from medialis.operations.result import Layer, Outcome, quantity, value_text, value_words
 from medialis.shape.shape import Shape
 from medialis.show.annotation import (
     ColorBar,
@@ -39,7 +40,7 @@ from medialis.show.annotation import (
     text_size,
     title_height,
 )
-from medialis.show.camera import Camera, turntable
+from medialis.show.camera import Camera, shape_view, turntable
 from medialis.show.colors import (
     FAR_FROM_LIMIT,
     NEAR_LIMIT,
@@ -136,7 +137,7 @@ class Balls(Painted):
 class Points(Painted):
     """Points (k, 3) shown as small balls of the same size everywhere, `size` pixels across.
 
-    `texts` stand beside those that no surface hides.
+    `texts` stand beside those that no surface hides, each once.
     """
 
     points: ArrayLike
@@ -289,9 +290,11 @@ def _write_texts(
         places, shown = as_points(item.points), np.ones(len(item.texts), bool)
         for one in solid:
             shown &= seen(camera, places, as_points(one.points), np.asarray(one.faces), progress)
-        texts = [text for text, see in zip(item.texts, shown, strict=True) if see]
-        if any(texts):
-            write_texts(image, camera, places[shown], texts)
+        # Of two ends of a wall with the same text the first one that is seen has it.
+        rows = {item.texts[row]: row for row in np.flatnonzero(shown)[::-1] if item.texts[row]}
+        if rows:
+            turn = sorted(rows.values())
+            write_texts(image, camera, places[turn], [item.texts[row] for row in turn])
 
 
 def _with_scale(
@@ -589,17 +592,14 @@ def draw_result(
     layer, *others = result.shown or result.layers[:1]
     progress = Progress.of(progress)
     if camera is None:
-        up = result.shape.up
-        camera = run_patiently(
-            lambda: Camera.framing(_in_view(result), up=up, width=width, height=height), progress
-        )
+        camera = run_patiently(lambda: _framed(result, width, height), progress)
     style = Style() if style is None else style
     if style.scale is None:
         style = replace(style, scale=True)
     items, label = _paint(result, layer, color_by or layer.color_by, camera.width, style.limits)
     if result.shown:
         unit = result.shape.unit
-        items += [_mark(other, camera.width, unit) for other in others]
+        items += [_mark(result, other, camera.width, unit) for other in others]
     else:
         items = [_context(result, camera.width), *items]
     return draw(
@@ -632,8 +632,7 @@ def draw_turntable(
 ) -> Iterator[NDArray[np.uint8]]:
     """Draw `count` views round the up-axis one after the other, (size, size, 3) uint8 each."""
     steps = Progress.of(progress)
-    points, up = _in_view(result), result.shape.up
-    camera = Camera.framing(points, up=up, width=size, height=size, fit="turntable")
+    camera = _framed(result, size, size, "turntable")
     for number, view in enumerate(turntable(camera, count)):
         with steps.stage("turntable", number / count, (number + 1) / count):
             image = draw_result(result, color_by=color_by, camera=view, progress=steps)
@@ -668,6 +667,38 @@ def require_attribute(layers: Sequence[Layer], name: str) -> None:
         )
 
 
+SLIVER = 0.006
+"""Height of triangles below this share of the size, which are drawn as lines: about their width."""
+
+
+def line_edges(layer: Layer) -> IntArray | None:
+    """Return the edges of a layer that are drawn as lines; None: it has none.
+
+    Those of a layer of edges and triangles have those of its slivers, too: seen from the side, a
+    limb of them would be a dashed line.
+    """
+    if layer.edges is None or layer.faces is None or not len(layer.faces):
+        return None if layer.edges is None else frozen(layer.edges, np.int32)
+    points = np.asarray(layer.points)
+    corners = points[layer.faces]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
+    double = np.linalg.norm(
+        np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1
+    )
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    thin = np.asarray(layer.faces)[double < SLIVER * size * sides]
+    own = np.concatenate([thin[:, [0, 1]], thin[:, [1, 2]], thin[:, [2, 0]]])
+    every = np.sort(np.concatenate([layer.edges, own]), axis=1)
+    return frozen(np.unique(every, axis=0), np.int32)
+
+
+def _framed(result: Outcome, width: int, height: int, fit: str = "tight") -> Camera:
+    """Return the camera of a result: that of all results of its shape."""
+    direction, up = shape_view(result.shape)
+    sizes: dict[str, Any] = {"width": width, "height": height, "fit": fit}
+    return Camera.framing(_in_view(result), direction=direction, up=up, **sizes)
+
+
 def _in_view(result: Outcome) -> NDArray[np.float64]:
     """Points that a picture must show: the shape, and the layer where it is not far outside."""
     (low, high), points = result.shape.bounds, result.layers[0].points
@@ -676,16 +707,28 @@ def _in_view(result: Outcome) -> NDArray[np.float64]:
     return np.concatenate([result.shape.points, points[near]])
 
 
-def _mark(layer: Layer, width: int, unit: str | None) -> Item:
-    """Points as black balls on the surface, half of each outside it, with number and value."""
+PLACES = {"thin_spots": "spots", "wall_regions": "regions"}
+"""Layers of places, and the values that tell the other end of each."""
+
+
+def _mark(result: Outcome, layer: Layer, width: int, unit: str | None) -> Item:
+    """Points as black balls on the surface, half of each outside it, with number and value.
+
+    Both ends of a wall have a ball, and that which is seen has the number.
+    """
     texts: list[str] = []
     if layer.number_by is not None:
         values = layer.attributes[layer.number_by][:MOST_TEXTS]
         told = [value_text(layer.number_by, float(value), unit) for value in values]
         texts = [f"{rank}: {text}" for rank, text in enumerate(told, 1)]
     texts += [""] * (len(layer.points) - len(texts))
-    size = max(4.0, width / 80)
-    return Points(layer.points, size=size, color=(0.05, 0.05, 0.05), texts=texts)
+    points = np.asarray(layer.points)
+    rows = result.values.get(PLACES.get(layer.name, ""), ())
+    ends = {row: one["opposite"] for row, one in enumerate(rows) if one.get("opposite")}
+    if ends and len(rows) == len(points):
+        points = np.concatenate([points, np.array([*ends.values()], np.float64)])
+        texts += [texts[row] for row in ends]
+    return Points(points, size=max(4.0, width / 80), color=(0.05, 0.05, 0.05), texts=texts)
 
 
 def _paint(
@@ -699,7 +742,7 @@ def _paint(
     values, label = None, None
     if color_by is not None:
         require_attribute((layer,), color_by)
-        values, label = np.asarray(layer.attributes[color_by]), color_by.replace("_", " ")
+        values, label = np.asarray(layer.attributes[color_by]), value_words(color_by)
         if color_by in IN_DEGREES:
             values, label = np.degrees(values), label + " (degrees)"
         elif result.shape.unit and (power := POWERS.get(quantity(color_by))) is not None:
@@ -707,7 +750,7 @@ def _paint(
     cloud = layer.faces is None and layer.edges is None
     shown = ~layer.hidden if cloud else np.ones(len(layer.points), bool)
     if values is not None and not shown.all():
-        values, label = values[shown], f"{label}; {_shown_from(layer, str(color_by))}"
+        values, label = values[shown], f"{label}; {_shown_from(layer, color_by, result.shape.unit)}"
     colors: dict[str, Any] = {"values": values}
     if layer.classes and color_by == layer.color_by:
         colors = {"labels": values, "palette": [color for _, color in layer.classes]}
@@ -725,8 +768,9 @@ def _paint(
     items: list[Item] = []
     if layer.faces is not None:
         items.append(Surface(layer.points, layer.faces, **colors))
-    if layer.edges is not None:
-        items.append(Curves(layer.points, layer.edges, width=width / 180, **colors))
+    edges = line_edges(layer)
+    if edges is not None:
+        items.append(Curves(layer.points, edges, width=width / 180, **colors))
     if items:
         return items, label
     return _cloud_items(result, layer, np.flatnonzero(shown), colors, width), label
@@ -766,10 +810,17 @@ def _cloud_items(
     return [item for item, count in drawn if count]
 
 
-def _shown_from(layer: Layer, color_by: str) -> str:
-    """Say in few words from which value on a picture shows points; the note has the sentence."""
+def _shown_from(layer: Layer, color_by: str | None, unit: str | None) -> str:
+    """Say in few words from which value on a picture shows points; the note has the sentence.
+
+    A length has the unit of the shape, as the values beside it; where none is known, it is a share.
+    """
     value, kind = layer.filter_default, layer.filter_unit.kind
-    unit = {Kind.LENGTH: " %", Kind.ANGLE: " degrees"}.get(kind, "")
-    limit = f"{100 * value if kind is Kind.LENGTH else value:.3g}{unit}"
+    if kind is Kind.LENGTH and unit:
+        limit = with_unit(layer.filter_unit.attribute(value), unit, int(layer.filter_unit.power))
+    elif kind is Kind.LENGTH:
+        limit = f"{100 * value:.3g} % of the size"
+    else:
+        limit = f"{value:.3g}{' degrees' if kind is Kind.ANGLE else ''}"
     of = "" if color_by == layer.filter_by else f" {str(layer.filter_by).replace('_', ' ')}"
     return f"shown from {limit}{of} on"

@@ -15,7 +15,7 @@ from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_field
 from medialis.shape.shape import Shape
-from medialis.show.camera import Camera
+from medialis.show.camera import Camera, shape_view
 from medialis.show.colors import map_colors
 from medialis.show.picture import Balls, Surface, draw
 from medialis.show.raster import Buffers, rasterize
@@ -75,7 +75,8 @@ def inner_balls(cloud: MedialCloud) -> IntArray:
 
 def _cameras(shape: Shape, camera: Camera | Sequence[Camera] | None) -> list[Camera]:
     if camera is None:
-        return [Camera.framing(shape.points, up=shape.up)]
+        direction, up = shape_view(shape)
+        return [Camera.framing(shape.points, direction=direction, up=up)]
     cameras = [camera] if isinstance(camera, Camera) else list(camera)
     if not cameras:
         raise InvalidOptionError("camera must be a camera or at least one of them, got none.")

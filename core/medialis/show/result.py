@@ -10,9 +10,9 @@ import html
 import json
 import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +135,8 @@ OF_LAYERS = (
 )
 LISTS = ("labels", "color_limits", "formats")
 """What a manifest tells of layers as it is, and as lists."""
+LOOKS = ("color_by", "color_limit", "classes")
+"""What it tells of the layers that pictures show, which may look otherwise than those written."""
 
 
 def read_result(folder: str | os.PathLike[str]) -> Result:
@@ -193,13 +195,24 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
             layers=tuple(layers.values()),
             values=manifest["values"],
             arrays=arrays,
-            shown=tuple(layers[other] for other in manifest.get("shown", ())),
+            shown=tuple(_shown(layers, manifest)),
             extras=_extras(folder_there, name),
             operation=name,
             parameters=manifest["parameters"],
             seconds=manifest["seconds"],
             messages=tuple(map(_message, manifest["messages"], manifest["notes"])),
         )
+
+
+def _shown(layers: Mapping[str, Layer], manifest: Mapping[str, Any]) -> Iterator[Layer]:
+    """Yield the layers that pictures show, as they look there; older manifests do not tell how."""
+    names = manifest.get("shown", ())
+    for name, look in zip(names, manifest.get("looks", [{}] * len(names)), strict=True):
+        known = {one: look[one] for one in LOOKS if one in look}
+        classes = tuple(
+            (str(kind), tuple(map(float, rgb))) for kind, rgb in look.get("classes", ())
+        )
+        yield replace(layers[name], **known | {"classes": classes})
 
 
 def _extras(folder: Folder, name: str) -> dict[str, Any]:

@@ -39,7 +39,7 @@ from medialis.shape.surface import Surface
 from medialis.show.picture import draw_result, draw_turntable, require_attribute
 from medialis.show.png import reduced, write_png
 from medialis.show.raster import Style
-from medialis.show.result import LISTS, OF_LAYERS
+from medialis.show.result import LISTS, LOOKS, OF_LAYERS
 
 DIFFERENCES = {
     "operation": "of the operation {}",
@@ -97,17 +97,28 @@ def manifest_of(folder: Folder) -> dict[str, Any] | None:
         return {}
 
 
-def check_same(folder: str | os.PathLike[str], about: Mapping[str, Any]) -> None:
+def check_same(
+    folder: str | os.PathLike[str], about: Mapping[str, Any], earlier: bytes | None = None
+) -> bytes:
     """Refuse a folder with a result that is not the one that is about to be written there.
 
     So is one without a result that has files of somebody else. What a killed run was moving there
-    is put back before.
+    is put back before. The same operation on the same input with other options may be replaced,
+    if its files are as it wrote them.
 
     Parameters
     ----------
     folder : path
     about : dict
         Entries of the new manifest, "parameters" as they were given.
+    earlier : bytes, optional
+        The manifest that may be replaced: that which was there when the run began; any when
+        missing.
+
+    Returns
+    -------
+    bytes
+        The manifest that may be replaced; none is empty.
 
     Raises
     ------
@@ -118,8 +129,14 @@ def check_same(folder: str | os.PathLike[str], about: Mapping[str, Any]) -> None
         try:
             there = stack.enter_context(Folder.at(folder))
         except OSError:  # not there, or writing tells what is wrong
-            return
-        check_open(there, folder, about)
+            return b""
+        if there.about(MANIFEST) is None:
+            check_open(there, folder, about)
+            return b""
+        if earlier is None:
+            earlier = _manifest_bytes(there)
+        check_open(there, folder, about, earlier=earlier)
+        return earlier
 
 
 def check_open(
@@ -127,6 +144,8 @@ def check_open(
     folder: str | os.PathLike[str],
     about: Mapping[str, Any],
     names: Iterable[str] = (),
+    *,
+    earlier: bytes = b"",
 ) -> None:
     """Refuse an open folder as `check_same` does, or for files of these names of no result.
 
@@ -143,6 +162,11 @@ def check_open(
             )
     elif told := _told_apart(before, about):
         raise _refused(folder, f"it holds a result {', '.join(told)}")
+    elif changed := changed_parameters(before, about):
+        if _manifest_bytes(there) != earlier:
+            raise _refused(folder, f"it holds a result with another {', '.join(changed)}")
+        if edited := _edited(there, before):
+            raise _refused(folder, f"its file {edited} has changed since it was written")
     own = set(files_of(before))
     taken = [n for n in names if n not in own and n != MANIFEST and there.about(n) is not None]
     if taken:
@@ -151,16 +175,44 @@ def check_open(
 
 def _told_apart(there: Mapping[str, Any], about: Mapping[str, Any]) -> list[str]:
     """Return what tells a result from another one, in words."""
-    told = [
+    return [
         text.format(there.get(name, "unknown"))
         for name, text in DIFFERENCES.items()
         if name in about and there.get(name) != about[name]
     ]
-    if told:
-        return told
+
+
+def changed_parameters(there: Mapping[str, Any], about: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the parameters that another result of an operation has otherwise, as they were."""
     before, now = parameters_given(there), dict(about["parameters"])
     names = [name for name in {**before, **now} if before.get(name) != now.get(name)]
-    return [f"with another {', '.join(names)}"] if names else []
+    return {name: before.get(name) for name in names}
+
+
+def _manifest_bytes(there: Folder) -> bytes:
+    try:
+        return bytes(there.read(MANIFEST))
+    except OSError:
+        return b""
+
+
+def _edited(there: Folder, manifest: Mapping[str, Any]) -> str:
+    """Return a file of a result that is not as it was written; "" where all are.
+
+    One that is missing is no loss; a list of them that is damaged tells nothing.
+    """
+    contents = manifest.get("contents")
+    for name, told in contents.items() if isinstance(contents, dict) else [(MANIFEST, None)]:
+        try:
+            if there.about(name) is None:
+                continue
+            with there.open(name) as stream:
+                same = content(stream, Progress()) == told
+        except (OSError, ValueError):
+            same = False
+        if not same:
+            return str(name)
+    return ""
 
 
 def strangers(there: Folder, inputs: Sequence[str | os.PathLike[str]]) -> list[str]:
@@ -260,6 +312,7 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
             for layer in result.layers
         ],
         "shown": [layer.name for layer in result.shown],
+        "looks": [{name: getattr(layer, name) for name in LOOKS} for layer in result.shown],
         **more,
     }
 
@@ -313,6 +366,8 @@ class Written:
         Replace what is there.
     below : str or None
         As in `OutputFolder`.
+    earlier : bytes or None
+        The manifest that was there when the run began, which may be replaced.
     """
 
     source: str | None = None
@@ -322,6 +377,7 @@ class Written:
     record: Mapping[str, Any] = field(default_factory=dict)
     overwrite: bool = False
     below: str | None = None
+    earlier: bytes | None = None
 
 
 def write_result(
@@ -341,7 +397,9 @@ def write_result(
     result : Result
         From `medialis.run`.
     folder : path
-        Created when missing. It may hold the same result, which is replaced.
+        Created when missing. It may hold a result of the same operation on the same shape, which is
+        replaced if its files are as they were written; "replaced" in the manifest has the options
+        that were others.
     source : str, optional
         Name of the input, for titles and the manifest.
     pictures : Pictures
@@ -404,15 +462,18 @@ def write_files(
             )
     about = describe_result(result, input=wanted.source, **wanted.record)
     given = {**about, "parameters": parameters_given(about)}
+    earlier, before = wanted.earlier, dict[str, Any]()
     if not wanted.overwrite:
-        check_same(folder, given)
+        now = check_same(folder, given, earlier)
+        earlier = now if earlier is None else earlier
+        before = changed_parameters(json.loads(now), given) if now else {}
     drawn: list[str] = []
     names: list[str] = []
 
     def replaced(there: Folder) -> list[str]:
         """Look once more: another run may have written meanwhile; none does now."""
         if not wanted.overwrite:
-            check_open(there, folder, given, names)
+            check_open(there, folder, given, names, earlier=earlier or b"")
         return files_of(manifest_of(there))
 
     with OutputFolder(folder, replaced=replaced, below=wanted.below) as out:
@@ -448,6 +509,7 @@ def write_files(
             "files": [str(base / name) for name in names],
             "contents": contents,
             "picture": str(base / drawn[0]) if drawn else None,
+            "replaced": before,
         }
         write_json(out.file(MANIFEST), manifest)
     return manifest

@@ -202,11 +202,12 @@ def _within_bulges(
 ) -> FloatArray:
     """Return radii of balls that touch the smooth surface over a face, where it bulges toward them.
 
-    As in `_shrink_to`, with `steps` from the contacts to the samples, and h below 0 there.
+    As in `_shrink_to`, with `steps` from the contacts to the samples, and h below 0 there. What is
+    beside the own place is relief, as there: it bulges toward the ball by less than it may.
     """
     along = 2.0 * (np.einsum("ka,ka->k", steps, directions) - height)
     square = np.einsum("ka,ka->k", steps, steps)
-    deep = (height < 0) & (along > 0) & (square < radii * along)
+    deep = (height < 0) & (square >= 2.0 * radii**2) & (square < radii * along)
     return np.where(deep, square / np.where(deep, along, 1.0), radii)
 
 

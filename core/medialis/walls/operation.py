@@ -86,7 +86,7 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     _note_share(values, options, fine, progress)
     _note_thinnest(spots, given, shape, progress)
     labels = np.full(fine.point_count, -1, np.int32)
-    for row, spot in enumerate(spots):
+    for row, spot in enumerate(spots, 1):  # as in the list
         labels[spot.vertices] = row
     fields: dict[str, Any] = {"thickness": values, "thin_spot": labels}
     shown: dict[str, Any] = {"color_by": "thickness", **COLORS, "labels": ("thin_spot",)}
@@ -431,11 +431,11 @@ def _limits(shape: Shape, options: WallCheckRun, progress: Progress) -> WallLimi
 
 
 def _codes(check: WallCheck) -> dict[str, IntArray]:
-    """Return `check` and `region` of each sample; the first region counts."""
+    """Return `check` and `region` of each sample, numbered from 1; the first region counts."""
     count = len(check.thickness)
     codes, numbers = np.zeros(count, np.int32), np.full(count, -1, np.int32)
     codes[check.edge] = CHECKS.index("edge")
-    for row, region in reversed(list(enumerate(check.regions))):
+    for row, region in reversed(list(enumerate(check.regions, 1))):
         codes[region.vertices] = CHECKS.index(region.kind)
         numbers[region.vertices] = row
     return {"check": codes, "region": numbers}

@@ -356,7 +356,7 @@ class ThicknessOptions(Options):
     kind: ThicknessKind = choice(
         "diameter",
         "Measure",
-        "What of the ball in the wall is told.",
+        "What is measured of the ball in the wall.",
         {
             "diameter": "The diameter of the ball, as a caliper measures the wall.",
             "radius": "The radius of the ball, half of the wall.",

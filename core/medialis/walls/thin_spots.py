@@ -506,8 +506,8 @@ class WallBalls:
         position, value = surface.points[place.vertex], place.value
         if len(rows) == 0:
             return position, np.full(3, np.nan), value
-        # What is much thinner is a speck, as in the field.
-        least = 0.0 if self.with_threshold else value / (1.0 + PROMINENCE)
+        # What is much thinner is a speck, as in the field: the same with and without a threshold.
+        least = value / (1.0 + PROMINENCE)
         sizes = 2.0 * self.share * self.balls.radii[rows]
         high = rows[sizes >= least]
         rows, sizes = (high, sizes[sizes >= least]) if len(high) else (rows, sizes)
@@ -522,6 +522,7 @@ class WallBalls:
             most = value if row == start else value / (1.0 + ALIKE)
             if caliper is None or not self._both_in(caliper, place.vertices):
                 continue
+            caliper = self._on_cylinders(caliper)
             if not self._across_wall(caliper):
                 continue
             if least <= self.share * caliper.length <= most:
@@ -536,6 +537,18 @@ class WallBalls:
         inside = [bool(self.marked[faces[rows]].any()) for rows in caliper.faces]
         self.marked[vertices] = False
         return all(inside)
+
+    def _on_cylinders(self, caliper: Caliper) -> Caliper:
+        """Return a caliper whose ends lie on the cylinders or spheres that faces are chords of."""
+        if (cylinders := self.surface.cylinders) is None:
+            return caliper
+        ends = np.array(caliper.ends)
+        for j, faces in enumerate(caliper.faces):
+            which = cylinders.label[faces]
+            if len(which) and which.min() >= 0:
+                height = cylinders.heights(which[:1], ends[j : j + 1])
+                ends[j] += height[0] * cylinders.normals(which[:1], ends[j : j + 1])[0]
+        return replace(caliper, ends=ends)
 
     def _across_wall(self, caliper: Caliper) -> bool:
         """Tell whether the faces at both ends taper no more than those of walls do.
@@ -722,11 +735,14 @@ class ThinPlaces(Described):
         all balls were asked for (`min_spoke_angle` 0).
     specks : int
         Places that were left out.
+    raised : int
+        Samples thinner than the thinnest spot, which count with a threshold only.
     """
 
     spots: tuple[ThinSpot, ...]
     values: FloatArray
     specks: int
+    raised: int
 
 
 @algorithm(ThinSpotOptions, door=as_cloud)
@@ -748,9 +764,15 @@ def thin_places(cloud: MedialCloud, options: ThinSpotOptions, progress: Progress
     if places.specks:
         text = (
             f"{counted(places.specks, 'place', verbs=('was', 'were'))} left out that only a few "
-            "samples make far thinner than all around: flaws of the mesh, such as folds."
+            "samples make far thinner than all around, such as folds; a threshold counts them."
         )
         progress.note(text, "specks", places=places.specks)
+    elif places.raised:
+        text = (
+            f"{counted(places.raised, 'single sample', verbs=('is', 'are'))} thinner than the "
+            "thinnest spot, without others around; a threshold counts them."
+        )
+        progress.note(text, "single_samples", samples=places.raised)
     return places
 
 
@@ -805,7 +827,8 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> ThinPlaces:
         smooth = thickness_without(cloud, crumpled, options, whole_field) or whole_field
     at_least = walls_only and level <= 0
     values = agreeing(share * smooth.values, spots, cloud.surface, at_least=at_least)
-    return ThinPlaces(tuple(spots), values, len(found["speck"]))
+    raised = int((share * whole_field.values < values.min() * (1.0 - ALIKE)).sum())
+    return ThinPlaces(tuple(spots), values, len(found["speck"]), raised)
 
 
 def agreeing(

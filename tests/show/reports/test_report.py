@@ -229,7 +229,7 @@ def test_the_report_can_be_turned(creature, monkeypatch):
     monkeypatch.setattr(viewer_page, "_library", lambda: "")
     result = medialis.run("thickness", creature)
     text = report_texts(result, source="a <b>.ply")["report.html"]
-    frame = re.search(r'<section id="viewer"><iframe srcdoc="([^"]*)"', text)[1]
+    frame = re.search(r'<section id="viewer"><iframe title="[^"]*" srcdoc="([^"]*)"', text)[1]
     assert "Thickness of a &lt;b&gt;.ply" in html.unescape(frame)
     monkeypatch.setattr(report, "has_library", lambda: False)
     assert "iframe" not in report_texts(result)["report.html"]

@@ -11,7 +11,7 @@ import pytest
 
 import medialis
 from medialis.show.viewer import page as viewer_page
-from medialis.show.viewer.page import scene_of
+from medialis.show.viewer.page import places_of, scene_of
 
 
 @pytest.fixture(scope="module")
@@ -32,18 +32,18 @@ def library(monkeypatch):
 
 @pytest.mark.slow
 def test_the_first_result_is_seen_inside_a_see_through_surface(results):
-    shown, spots = scene_of(results)
+    shown = scene_of(results)
     parts = {part.title: part for part in shown}
     assert list(parts) == ["surface skeleton", "surface", "curve skeleton", "curve skeleton parts"]
     assert [part.visible for part in shown] == [True, True, False, False]
     surface = parts["surface"]
     assert 0 < surface.opacity < 0.5 and surface.color_by is None
     assert [field.name for field in surface.fields] == ["thickness", "thin_spot"]
-    assert len(spots) == results[1].values["thin_spots"]
+    assert len(places_of(results, np.zeros(3))) == results[1].values["thin_spots"]
 
 
 def test_a_field_on_the_surface_is_seen_whole(results):
-    (part,) = scene_of(results[1:2])[0]
+    (part,) = scene_of(results[1:2])
     assert part.kind == "surface" and part.opacity == 1 and part.color_by == "thickness"
     assert part.points is results[1].shown[0].points, "the finer surface"
 
@@ -52,19 +52,19 @@ def test_a_field_on_the_surface_is_seen_whole(results):
 def test_values_on_the_same_surface_are_one_part(shape):
     fine = {"refine": 0.02}
     both = [medialis.run("parts", shape, **fine), medialis.run("soft_edges", shape, **fine)]
-    (part,) = scene_of(both)[0]
+    (part,) = scene_of(both)
     assert {"parts", "sharpness", "edge_angle"} <= {field.name for field in part.fields}
 
 
 def test_a_skeleton_alone_gets_the_shape_around_it(results):
-    parts = scene_of(results[:1])[0]
+    parts = scene_of(results[:1])
     assert [part.kind for part in parts] == ["surface", "points"]
     assert parts[0].points is results[0].shape.points
 
 
 @pytest.mark.slow
 def test_triangles_inside_hide_the_points_that_they_are_made_of(default_run):
-    parts = {p.title: p for p in scene_of([default_run("medial_sheets")])[0]}
+    parts = {p.title: p for p in scene_of([default_run("medial_sheets")])}
     assert not parts["medial sheets"].visible
     assert parts["sheet meshes"].visible and parts["sheet meshes"].opacity == 1
     assert parts["surface"].visible and parts["surface"].opacity < 0.5
@@ -72,7 +72,7 @@ def test_triangles_inside_hide_the_points_that_they_are_made_of(default_run):
 
 def test_a_cloud_is_shown_as_points(shape):
     cloud = medialis.Shape(shape.points, shape.normals)
-    kinds = [part.kind for part in scene_of([medialis.run("surface_skeleton", cloud)])[0]]
+    kinds = [part.kind for part in scene_of([medialis.run("surface_skeleton", cloud)])]
     assert kinds == ["points", "points"]
 
 
@@ -89,7 +89,7 @@ def test_every_operation_can_be_shown(name, default_run, library):
 
 def test_angles_are_degrees_and_thresholds_too(default_run):
     result = default_run("skeleton_mesh")
-    part = next(part for part in scene_of([result])[0] if part.title == "skeleton mesh")
+    part = next(part for part in scene_of([result]) if part.title == "skeleton mesh")
     angle = next(field for field in part.fields if field.name == "spoke_angle")
     assert angle.unit == "degrees"
     assert np.array_equal(angle.values, np.degrees(result.layers[0].attributes["spoke_angle"]))
@@ -141,4 +141,9 @@ def test_notebooks_get_a_frame(results, library, monkeypatch):
     monkeypatch.setitem(sys.modules, "IPython.display", display)
     assert results[0].show() is None
     (text,) = shown
-    assert text.startswith('<iframe srcdoc="') and "&lt;canvas" in text and "<canvas" not in text
+    assert (
+        text.startswith('<iframe title="')
+        and ' srcdoc="' in text
+        and "&lt;canvas" in text
+        and "<canvas" not in text
+    )

@@ -1,6 +1,10 @@
 """The page in a real browser: opened from disk, moved, cut, asked; no error is logged."""
 
+import base64
 import dataclasses
+import os
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -146,7 +150,7 @@ def test_picking_tells_the_values_of_the_place(page, results):
     assert number(second["spoke angle"].rstrip("°")) == pytest.approx(
         np.degrees(layer.attributes["spoke_angle"][row]), rel=1e-3
     )
-    assert "thickness near by" in second
+    assert "thickness nearby" in second
     assert found["radius"] == pytest.approx(layer.attributes["radius"][row], rel=1e-3)
     assert found["shown"] is False and found["none"] is None and found["away"] is True
 
@@ -194,13 +198,102 @@ def test_labels_have_the_colours_of_the_pictures(results, tmp_path):
         """,
     )
     labels = results["parts"].shown[0].attributes["parts"]
-    assert np.array_equal(found["labels"], labels)
+    assert np.array_equal(found["labels"][: len(labels)], labels)  # then come cuts at borders
     assert found["swatches"] == len(np.unique(labels[labels >= 0])) and found["scale"]
-    corner = labels[np.reshape(found["order"], (-1, 3))]
+    corner = np.asarray(found["labels"])[np.reshape(found["order"], (-1, 3))]
+    assert (corner == corner[:, :1]).all(), "no triangle has two labels: borders are lines"
     two = (corner[:, 0] == corner[:, 1]) | (corner[:, 1] == corner[:, 2])
     two |= corner[:, 0] == corner[:, 2]
     last = corner[:, 2]
     assert ((corner == last[:, None]).sum(axis=1)[two] >= 2).all()
+
+
+KEYS = """
+    const event = key => new KeyboardEvent("keydown", {key, bubbles: true});
+    const press = (id, key) => $(id).dispatchEvent(event(key));
+    const says = id => $(id).getAttribute("aria-valuetext");
+"""
+
+
+@pytest.mark.slow
+def test_keys_turn_the_shape_and_move_sliders_in_round_steps(page):
+    found = browser.looked_at(
+        page,
+        f"""{KEYS}
+        const keys = ["ArrowRight", "ArrowRight", "PageUp", "Home"];
+        const steps = keys.map(key => (press("from", key), says("from")));
+        const start = viewer.camera.position.toArray();
+        press("canvas", "ArrowLeft");
+        const turned = viewer.camera.position.toArray();
+        press("canvas", "+");
+        const near = viewer.camera.position.length();
+        press("canvas", "0");
+        $("cutbutton").click();
+        press("depth", "ArrowRight");
+        const depth = [says("depth"), $("depthwords").textContent];
+        $("cutbutton").click();
+        document.querySelector("#places button").click();
+        const card = !$("card").hidden;
+        document.body.dispatchEvent(event("Escape"));
+        return {{steps, start, turned, near, home: viewer.camera.position.toArray(), depth, card,
+          closed: $("card").hidden, menu: $("menu").getAttribute("aria-expanded")}};
+        """,
+    )
+    values = [number(text) for text in found["steps"]]
+    assert values[0] < values[1] < values[2] > values[3]
+    assert all(float(f"{value:.2g}") == value for value in values[:3]), "round numbers"
+    assert all(text.endswith("% of the size)") for text in found["steps"])
+    start, turned = (np.linalg.norm(found[name]) for name in ("start", "turned"))
+    assert start == pytest.approx(turned) and found["start"] != found["turned"]
+    assert found["near"] == pytest.approx(0.85 * start)
+    assert found["home"] == pytest.approx(found["start"])
+    assert found["depth"][0] == found["depth"][1] and found["depth"][0].startswith("x = ")
+    assert found["card"] and found["closed"] and found["menu"] == "true"
+
+
+AXE = """
+    (0, eval)(new TextDecoder().decode(Uint8Array.from(atob("AXE"), c => c.charCodeAt(0))));
+    await new Promise(done => setTimeout(done, 200));
+    const found = await axe.run(document, {resultTypes: ["violations"]});
+    return {bad: found.violations.filter(one => ["serious", "critical"].includes(one.impact))
+      .map(one => [one.id, one.nodes.map(node => node.html.slice(0, 100))]),
+      rules: found.passes.length};
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("webgl", [True, False])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_serious(page, webgl, scheme):
+    """The accessibility checker axe-core of npm, where AXE_CORE names its axe.min.js."""
+    file = Path(os.environ.get("AXE_CORE", ""))
+    if not file.is_file():
+        pytest.skip("needs axe-core (AXE_CORE names its axe.min.js)")
+    source = base64.b64encode(file.read_bytes()).decode()
+    theme = f"document.documentElement.dataset.theme = {scheme!r};"
+    found = browser.looked_at(page, theme + AXE.replace("AXE", source), webgl=webgl)
+    assert found["bad"] == [] and found["rules"] > 10
+
+
+@pytest.mark.slow
+def test_without_webgl_there_is_a_picture_with_numbers_and_places(page, results):
+    found = browser.looked_at(
+        page,
+        """
+        const still = $("still"), rows = [...document.querySelectorAll("#places li")];
+        return {why: $("why").textContent, shown: !still.hidden, width: still.naturalWidth,
+          alt: still.alt, places: rows.map(row => row.textContent),
+          numbers: $("numberlist").textContent,
+          buttons: document.querySelectorAll("nav:not([hidden])").length};
+        """,
+        webgl=False,
+    )
+    assert "WebGL" in found["why"] and found["shown"] and found["width"] > 300 and found["alt"]
+    spots = results["thickness"].values["spots"]
+    assert len(found["places"]) == len(spots) and found["buttons"] == 0
+    for row, text in enumerate(found["places"], 1):
+        assert re.fullmatch(rf"{row} [\d.]+, at \(-?[\d.]+, -?[\d.]+, -?[\d.]+\)", text)
+    assert "samples" in found["numbers"]
 
 
 @pytest.mark.slow
@@ -225,7 +318,7 @@ def test_a_hostile_name_stays_text(results, tmp_path):
           field: $("field").textContent};
         """,
     )
-    assert found["hacked"] is None and found["images"] == 0
+    assert found["hacked"] is None and found["images"] == 1
     assert found["title"] == found["document"] == found["note"] == HOSTILE
     assert found["layer"] == HOSTILE.replace("_", " ") and found["field"] == HOSTILE
 

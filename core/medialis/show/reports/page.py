@@ -127,10 +127,13 @@ def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     body = "".join(
         f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in rows
     )
-    top = "".join(f"<th>{html.escape(cell)}</th>" for cell in head)
+    top = "".join(
+        f'<th scope="col">{html.escape(cell)}</th>' if cell else "<td></td>" for cell in head
+    )
     if not body:
         return ""
-    return f'<div class="wide"><table>{f"<tr>{top}</tr>" if top else ""}{body}</table></div>'
+    first = f"<tr>{top}</tr>" if top else ""
+    return f'<div class="wide" tabindex="0"><table>{first}{body}</table></div>'
 
 
 def records(rows: Sequence[Mapping[str, Any]], most: int) -> str:

@@ -103,7 +103,7 @@ def viewer_frame(result: Result, name: str | None) -> str:
     if not has_library() or not result.layers or points > MOST_POINTS:
         return ""
     title = result.title + (f" of {name}" if name else "")
-    return f'<section id="viewer">{frame(viewer_page([result], title))}</section>'
+    return f'<section id="viewer">{frame(viewer_page([result], title, still=False))}</section>'
 
 
 def stills(result: Result, progress: Progress) -> list[NDArray[np.uint8]]:
@@ -138,7 +138,7 @@ def report_page(
     large, views = pictures[:count], pictures[count:]
     seconds = [(named(name), f"{value:.2f}") for name, value in measures["seconds"].items()]
     body = (
-        f"<header><h1>{html.escape(title)}</h1>\n{_subtitle(measures)}</header>",
+        f"<header><h1>{html.escape(title)}</h1>\n{_subtitle(measures)}</header><main>",
         '<div class="side">',
         section("At a glance", verdict_list(measures["verdict"])),
         section("", *(_picture(image) for image in large[-1:])),
@@ -158,7 +158,7 @@ def report_page(
         section("Parameters", _parameters(measures)),
         section("Seconds", table(seconds)),
         section("Versions", table(measures["versions"].items())),
-        "</div>",
+        "</div></main>",
     )
     return page(title, data_text("medialis.show.reports", "report.css"), *body)
 

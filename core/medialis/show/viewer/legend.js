@@ -21,6 +21,26 @@ function said(number) {
   return size >= 1e-4 && size < 1e6 ? String(Number(number.toPrecision(4))) : number.toExponential(3);
 }
 
+// The next share of a range at which the value is round, so many steps on: about 50 cover the range.
+function stepped(share, low, high, steps) {
+  const span = high - low;
+  if (!(span > 0)) return share;
+  const power = 10 ** Math.floor(Math.log10(span / 50));
+  const step = [1, 2, 5, 10].map(x => x * power).find(x => x >= (1 - 1e-9) * span / 50);
+  const at = (low + share * span) / step, whole = Math.round(at);
+  const from = Math.abs(at - whole) < 1e-6 ? whole : steps > 0 ? Math.floor(at) : Math.ceil(at);
+  return Math.min(1, Math.max(0, ((from + steps) * step - low) / span));
+}
+
+// Arrow keys are one step, Page Up and Page Down ten, Home and End the ends.
+function byArrow(event, call) {
+  const steps = {ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10,
+    Home: -1e9, End: 1e9}[event.key];
+  if (steps === undefined) return;
+  event.preventDefault();
+  call(steps);
+}
+
 // The colours of a field from its smallest to its largest value.
 function colorsOf(data, field, count) {
   const bytes = base64Bytes(data.maps[field.map]), last = bytes.length / 3 - 1;
@@ -50,11 +70,11 @@ function drawBar(canvas, field, colors) {
 // The numbers of segments with their colours.
 function swatchesOf(data, field) {
   const labels = [...new Set(field.values)].filter(label => label >= 0).sort((a, b) => a - b);
-  const bytes = base64Bytes(data.palette), count = bytes.length / 3;
+  const bytes = base64Bytes(field.colors ?? data.palette), count = bytes.length / 3;
   const shown = labels.slice(0, SWATCHES).map(label => {
     const at = 3 * (label % count), swatch = element("i");
     swatch.style.background = `rgb(${bytes[at]}, ${bytes[at + 1]}, ${bytes[at + 2]})`;
-    return element("span", {}, swatch, String(label));
+    return element("span", {}, swatch, field.classes[label] ?? String(label));
   });
   return labels.length > SWATCHES ? [...shown, `… ${labels.length} in all`] : shown;
 }

@@ -1,6 +1,7 @@
-"""The page of the viewer, in four steps: scene, short text of arrays, page, and where it is seen.
+"""The page of the viewer, in five steps: text of arrays, scene, words, page, where it is shown.
 
-The scene is what is shown of results: surfaces, points and curves with values, and thin spots.
+The scene is what is shown of results: surfaces, points and curves with values. Words are the places
+that were found and the numbers, as on the screen of the command line: they are there without WebGL.
 Layers that lie on the same surface become one surface with all their values; where no layer lies on
 the surface, the shape itself is shown see-through.
 
@@ -24,8 +25,8 @@ import sys
 import tempfile
 import webbrowser
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -37,8 +38,12 @@ from medialis.base.errors import FileError
 from medialis.base.options import AREAS, LENGTHS, RADIANS
 from medialis.base.validation import FloatArray, IntArray
 from medialis.formats.files import write_text
-from medialis.show.camera import default_view
+from medialis.operations.result import INNER, value_rows, value_text, value_words
+from medialis.show.borders import cut_by_labels
+from medialis.show.camera import shape_view
 from medialis.show.colors import color_table, palette, value_range
+from medialis.show.picture import draw_result, line_edges
+from medialis.show.png import encode_png
 from medialis.show.reports.page import data_text, page
 
 if TYPE_CHECKING:
@@ -137,8 +142,10 @@ class Field:
     color_map : str
     limits : (float, float) or None
         Values of the first and last colour; all of them where None.
-    shown_from : float
-        Points below are hidden at first; -inf hides none.
+    shown_from, shown_to : float
+        Points below and above are hidden at first, and grey on surfaces; infinite hides none.
+    classes : tuple of (str, (float, float, float))
+        Name and colour of each label; the palette where there are none.
     """
 
     name: str
@@ -148,6 +155,8 @@ class Field:
     color_map: str = "sequential"
     limits: tuple[float | None, float | None] = (None, None)
     shown_from: float = -math.inf
+    shown_to: float = math.inf
+    classes: tuple[tuple[str, tuple[float, float, float]], ...] = ()
 
 
 @dataclass(eq=False)
@@ -164,6 +173,7 @@ class Part:
     filter_by: str | None = None
     visible: bool = True
     opacity: float = 1.0
+    role: str = ""
 
     def lies_on(self, points: FloatArray, faces: IntArray | None) -> bool:
         """Tell whether these are the same points and faces."""
@@ -173,37 +183,41 @@ class Part:
         return bool(same and np.array_equal(self.points, points))
 
 
-def scene_of(results: Sequence[Outcome]) -> tuple[list[Part], list[dict[str, Any]]]:
+def scene_of(results: Sequence[Outcome]) -> list[Part]:
     """Return what is shown of one or more results of the same shape; of the later ones, hidden.
 
-    Points and fields of the first result are seen at first. With it come thin spots, as the values
-    of a result tell them.
+    Points and fields of the first result are seen at first. Where that is a field on the surface,
+    the places that it marks are hidden: their numbers say where they are.
     """
     parts: list[Part] = []
-    spots: list[dict[str, Any]] = []
     for number, result in enumerate(results):
+        on_surface = number == 0 and any(layer.on_input for layer in result.layers[:1])
         for layer in _layers(result):
             if layer.name != SPOTS:
-                _add(parts, layer, visible=number == 0)
-        spots = spots or _spots(result)
-    shape = results[0].shape
-    if not any(_stands_for(part, shape) for part in parts):
+                marks = on_surface and layer.faces is None and layer.edges is None
+                marks &= not layer.on_input and not layer.auxiliary
+                _add(parts, layer, visible=number == 0 and not marks and layer.role != "hidden")
+    # In a folder without the shape a layer stands in for it; the envelope is what is known of it.
+    first = results[0]
+    own = [layer.points for layer in first.layers if layer.role]
+    is_known = not any(np.array_equal(points, first.shape.points) for points in own)
+    shape = first.shape if is_known else None
+    if shape is not None and not any(_stands_for(part, shape) for part in parts):
         if shape.faces is None:
             parts.insert(0, Part("shape", "points", shape.points))
         else:
             parts.insert(0, Part("surface", "surface", shape.points, shape.faces))
     _choose(parts, shape)
-    return parts, spots
+    return parts
 
 
 def _layers(result: Outcome) -> list[Layer]:
     """Layers that are worth showing; where pictures show a finer copy of one, that one."""
-    finer = result.shown[0] if result.shown and result.shown[0].auxiliary else None
-    found = []
+    look, found = (result.shown[0] if result.shown else None), []
     for layer in result.layers:
-        if layer.on_input and finer is not None:
-            found.append(finer)
-            finer = None
+        if look is not None and layer.on_input and (look.auxiliary or look.name == layer.name):
+            found.append(look)
+            look = None
         elif not layer.auxiliary:
             found.append(layer)
     return found
@@ -228,20 +242,29 @@ def _add(parts: list[Part], layer: Layer, visible: bool) -> None:
             kind,
             layer.points,
             layer.faces,
-            layer.edges,
+            line_edges(layer),
             fields,
             layer.color_by if layer.color_by in names else next(iter(names), None),
             layer.filter_by if layer.filter_by in names else None,
             visible,
+            role=_role(layer),
         )
     )
+
+
+def _role(layer: Layer) -> str:
+    """Return "balls" for balls that nothing joins: they are drawn as large as they are."""
+    if layer.role == "balls" or "json" in layer.formats:
+        bare = layer.faces is None and layer.edges is None and "radius" in layer.attributes
+        return "balls" if bare else ""
+    return layer.role
 
 
 def _title(layer: Layer, parts: list[Part]) -> str:
     on_surface = layer.on_input or layer.name == "samples"
     if on_surface and not any(part.title == "surface" for part in parts):
         return "surface"
-    return layer.name.replace("_", " ")
+    return value_words(layer.name)
 
 
 def _fields(layer: Layer) -> list[Field]:
@@ -253,6 +276,7 @@ def _fields(layer: Layer) -> list[Field]:
         if name == "side" and len(np.unique(array)) == 1:
             continue
         own = name == layer.color_by
+        classes = layer.classes if own else ()
         first, unit = -math.inf, _unit(layer, name)
         if name == layer.filter_by and layer.filter_default:
             first = layer.filter_unit.attribute(layer.filter_default)
@@ -263,10 +287,12 @@ def _fields(layer: Layer) -> list[Field]:
                 name,
                 array,
                 unit,
-                name in layer.labels and array.dtype.kind in "iub",
+                (name in layer.labels or bool(classes)) and array.dtype.kind in "iub",
                 layer.color_map if own else "sequential",
                 layer.color_limits if own else (None, None),
                 first,
+                math.inf if layer.color_limit is None or not own else layer.color_limit,
+                classes,
             )
         )
     return found
@@ -280,15 +306,12 @@ def _unit(layer: Layer, name: str) -> str:
     return "length" if name in LENGTHS else ""
 
 
-def _spots(result: Outcome) -> list[dict[str, Any]]:
-    """Thin spots as the values of a result tell them, numbered from the thinnest."""
-    rows = result.values.get("spots")
-    rows = rows if isinstance(rows, list | tuple) else ()
-    return [row for row in rows if isinstance(row, dict) and row.get("value") is not None]
-
-
-def _stands_for(part: Part, shape: Shape) -> bool:
+def _stands_for(part: Part, shape: Shape | None) -> bool:
     """Tell whether a part is the surface of the shape, and not one inside of it, or its points."""
+    if shape is None:
+        return part.title.endswith(" envelope")
+    if part.role:
+        return False
     if part.kind != "surface":
         return shape.faces is None and part.points.shape == shape.points.shape
     size = part.points.max(axis=0) - part.points.min(axis=0)
@@ -296,28 +319,132 @@ def _stands_for(part: Part, shape: Shape) -> bool:
     return bool(np.abs(size - (high - low)).max() < 0.02 * shape.diagonal)
 
 
-def _choose(parts: list[Part], shape: Shape) -> None:
-    """Let the shape be see-through where something inside it is shown.
+def _choose(parts: list[Part], shape: Shape | None) -> None:
+    """Let what the result is about be seen: the shape round it is see-through, or hidden.
 
-    Where there are triangles inside, the points that they are made of are hidden.
+    Where there are triangles inside, the points that they are made of are hidden; where these take
+    the place of the shape, as the midsurface does, the shape is.
     """
-    inner = [part for part in parts if part.kind == "surface" and not _stands_for(part, shape)]
+    outer = [part for part in parts if part.kind == "surface" and _stands_for(part, shape)]
+    inner = [part for part in parts if part.kind == "surface" and part not in outer]
     if any(part.visible for part in inner):
         for part in parts:
             part.visible &= part.kind != "points"
-    inside = [part for part in parts if part.visible and part.kind != "surface"]
-    surfaces = [part for part in parts if part.kind == "surface"]
-    for part in surfaces[:1]:
-        if inside or any(other.visible for other in surfaces[1:]):
-            part.opacity, part.visible = 0.2, True
-            if inside and inside[0].fields:
+    seen = [part for part in parts if part.visible and part not in outer]
+    if seen:
+        for part in outer:
+            part.visible = part is outer[0] and not any(one.role == "shape" for one in seen)
+            part.opacity = 0.2
+            if seen[0].fields:
                 part.color_by = None
-    if inside and not any(part.kind == "surface" for part in parts):
-        inside[0].opacity = 1.0
+
+
+Row = Mapping[str, Any]
+
+
+def _thin_spot(row: Row, unit: str | None) -> str:
+    return value_text("value", row["value"], unit) + _but("wall", row)
+
+
+def _region(row: Row, unit: str | None) -> str:
+    text = f"{row['kind']}, {value_text('value', row['value'], unit)}"
+    if row.get("area") is None:
+        return text
+    return f"{text}, {value_text('area', row['area'], unit)} of one side"
+
+
+def _rib(row: Row, unit: str | None) -> str:
+    own, wall = (value_text("thickness", row[name], unit) for name in ("thickness", "wall"))
+    return f"{row['kind']}, {own} on a wall of {wall} (ratio {value_text('', row['ratio'])})"
+
+
+def _but(usual: str, row: Row) -> str:
+    kind = row.get("kind", usual)
+    return "" if kind == usual else f", {kind}"
+
+
+TABLES: dict[str, tuple[str, str, Callable[[Row, str | None], str]]] = {
+    "spots": ("Thin spots", "thin spot", _thin_spot),
+    "regions": ("Regions", "region", _region),
+    "ribs": ("Ribs and bosses", "rib", _rib),
+}
+"""Heading, what one of them is, and what is said of it, by the name of the value."""
+
+
+def places_of(results: Sequence[Outcome], origin: FloatArray) -> list[dict[str, Any]]:
+    """Return the places that results list, numbered as on the screen; positions from `origin`.
+
+    Those of the first table are numbered on the shape; ribs only in their list.
+    """
+    found: list[dict[str, Any]] = []
+    for name, (heading, noun, words) in TABLES.items():
+        table = next((rows for rows in (_rows(one, name) for one in results) if rows), ())
+        unit = results[0].shape.unit
+        on_shape = not any(one["onShape"] for one in found)
+        for number, row in enumerate(table, 1):
+            value = float(row.get("value") or row.get("thickness") or 0.0)
+            found.append(
+                {
+                    "table": name,
+                    "heading": heading,
+                    "noun": noun,
+                    "number": number,
+                    "text": words(row, unit),
+                    "position": (np.array(row["position"], float) - origin).tolist(),
+                    "opposite": _opposite(row, origin),
+                    "value": value if math.isfinite(value) else 0.0,
+                    "kind": str(row.get("kind", "wall")),
+                    "onShape": on_shape and name != "ribs",
+                }
+            )
+    return found
+
+
+def _rows(result: Outcome, name: str) -> list[Row]:
+    """Return a table of places of a result; what a damaged manifest has is no place."""
+    rows = result.values.get(name)
+    needed = {"ribs": ("position", "thickness", "wall", "ratio", "kind")}.get(name, ("position",))
+    return [
+        row
+        for row in (rows if isinstance(rows, list | tuple) else ())
+        if isinstance(row, dict)
+        and all(row.get(one) is not None for one in needed)
+        and (name == "ribs" or row.get("value") is not None)
+        and (name != "regions" or "kind" in row)
+    ]
+
+
+def _opposite(row: Row, origin: FloatArray) -> list[float] | None:
+    other = np.array(row.get("opposite") or [math.nan] * 3, float)
+    return None if np.isnan(other).any() else (other - origin).tolist()
+
+
+def numbers_of(results: Sequence[Outcome]) -> Iterator[tuple[str, str]]:
+    """Yield what a table says of the first result: names and values with their unit."""
+    first = results[0]
+    known = {name: v for name, v in first.values.items() if v is not None and name not in INNER}
+    yield from value_rows(known, first.shape.unit)
+
+
+STILL = 720, 540
+"""Pixels of the picture that stands for the canvas where there is no WebGL."""
+
+
+def still_of(results: Sequence[Outcome]) -> str:
+    """Return the picture of the first result as the address of an image; "": it has none."""
+    first = results[0]
+    images = list(first.images.values())
+    if not images and first.layers:
+        images = [draw_result(first, width=STILL[0], height=STILL[1])]
+    if not images:
+        return ""
+    return f"data:image/png;base64,{base64.b64encode(encode_png(images[0])).decode()}"
 
 
 LIBRARY = "three.js"
-SCRIPTS = ("unpack", "shaders", "parts", "viewer", "picking", "legend", "panel", "start")
+SCRIPTS = (
+    *("unpack", "shaders", "parts", "viewer", "picking", "legend", "facts", "panel", "start"),
+)
 COLORS = 256
 
 
@@ -334,8 +461,8 @@ def write_viewer(
     write_text(path, viewer_page(results, title))
 
 
-def viewer_page(results: Sequence[Outcome], title: str = "medialis") -> str:
-    """Return the page as text.
+def viewer_page(results: Sequence[Outcome], title: str = "medialis", *, still: bool = True) -> str:
+    """Return the page as text; with the picture that stands for the canvas without WebGL.
 
     Raises
     ------
@@ -351,7 +478,7 @@ def viewer_page(results: Sequence[Outcome], title: str = "medialis") -> str:
     return page(
         title,
         _text("viewer.css"),
-        _text("page.html").removesuffix("\n"),
+        _text("page.html").removesuffix("\n").replace("STILL", still_of(results) if still else ""),
         *(f'<script type="text/plain" id="{id}">{text}</script>' for id, text in data.items()),
         f"<script>\n{scripts}</script>",
     )
@@ -383,10 +510,10 @@ def _described(results: Sequence[Outcome], title: str, packer: Packer) -> dict[s
 
     All places are relative to the middle of the shape: graphics cards have single precision.
     """
-    (shown, spots), shape = scene_of(results), results[0].shape
+    shown, shape = scene_of(results), results[0].shape
     low, high = shape.bounds
     origin = (low + high) / 2
-    direction, up = default_view(shape.points, shape.up)
+    direction, up = shape_view(shape)
     parts = [_part(part, origin, packer) for part in shown]
     notes = (str(note) for result in results for note in getattr(result, "messages", ()))
     maps = {field["map"] for part in parts for field in part["fields"]}
@@ -400,7 +527,8 @@ def _described(results: Sequence[Outcome], title: str, packer: Packer) -> dict[s
         "direction": np.asarray(direction).tolist(),
         "up": np.asarray(up).tolist(),
         "parts": parts,
-        "spots": [_spot(spot, origin) for spot in spots],
+        "places": places_of(results, origin),
+        "numbers": list(numbers_of(results)),
         "maps": {name: _colors(color_table(name), COLORS) for name in sorted(maps)},
         "palette": _colors(palette()),
     }
@@ -412,11 +540,49 @@ def _size(result: Outcome) -> float:
     return told if isinstance(told, float) else result.shape.diagonal
 
 
+def with_borders(part: Part) -> Part:
+    """Return a surface that shows labels with its triangles cut at their borders: no saw-teeth.
+
+    Each side has points of its own there, so that all corners of a triangle have one label.
+    """
+    shown = next((one for one in part.fields if one.name == part.color_by), None)
+    if part.faces is None or shown is None or not shown.is_label:
+        return part
+    count, labels = len(part.points), np.asarray(shown.values, np.int32)
+    cut = cut_by_labels(part.points, part.faces, labels)
+    side = np.repeat(cut.side[:, None], 3, axis=1)
+    new = cut.faces >= count
+    pairs, row = np.unique(
+        np.stack([cut.faces[new], side[new]], axis=1), axis=0, return_inverse=True
+    )
+    faces = cut.faces.copy()
+    faces[new] = count + row.reshape(-1)
+    ends = cut.shares[pairs[:, 0] - count]
+    first, second = ends[:, :2].astype(np.int64).T
+
+    def continued(field: Field) -> Field:
+        values = np.asarray(field.values)
+        nearer = values[np.where(ends[:, 2] < 0.5, first, second)]
+        if field is shown:
+            nearer = pairs[:, 1].astype(values.dtype)
+        elif not field.is_label and values.dtype.kind == "f":
+            between = values[first] + ends[:, 2] * (values[second] - values[first])
+            nearer = np.where(np.isfinite(between), between, nearer)
+        return replace(field, values=np.concatenate([values, nearer]))
+
+    points = np.concatenate([part.points, cut.points[pairs[:, 0]]])
+    fields = [continued(field) for field in part.fields]
+    return replace(part, points=points, faces=faces, fields=fields)
+
+
 def _part(part: Part, origin: FloatArray, packer: Packer) -> dict[str, Any]:
+    told = len(part.points if part.faces is None else part.faces)
+    part = with_borders(part)
     names = [field.name for field in part.fields]
     codes, place = point_codes(part.points - origin)
     return {
-        **{name: getattr(part, name) for name in ("title", "kind", "visible", "opacity")},
+        **{name: getattr(part, name) for name in ("title", "kind", "visible", "opacity", "role")},
+        "told": told,
         "points": {**place, "codes": packer.add(codes)},
         "faces": None if part.faces is None else packer.add_faces(part.faces),
         "edges": None if part.edges is None else packer.add(part.edges),
@@ -432,10 +598,11 @@ def _field(field: Field, packer: Packer) -> dict[str, Any]:
     else:
         codes, place = value_codes(field.values)
     low, high = place["low"], place["high"]
-    begin = (field.shown_from - low) / ((high - low) or 1.0)
+    span = (high - low) or 1.0
+    begin, end = ((at - low) / span for at in (field.shown_from, field.shown_to))
     return {
         "name": field.name,
-        "title": field.name.replace("_", " "),
+        "title": value_words(field.name),
         "unit": field.unit,
         "label": field.is_label,
         "map": field.color_map,
@@ -443,18 +610,10 @@ def _field(field: Field, packer: Packer) -> dict[str, Any]:
         "limits": list(value_range([low, high], *field.limits)),
         "infinite": bool(np.isposinf(np.asarray(field.values, float)).any()),
         "from": float(np.clip(begin, 0.0, 1.0)),
+        "to": float(np.clip(end, 0.0, 1.0)),
+        "classes": [name for name, _ in field.classes],
+        "colors": _colors([color for _, color in field.classes]) if field.classes else None,
         "codes": packer.add(codes),
-    }
-
-
-def _spot(row: dict[str, Any], origin: FloatArray) -> dict[str, Any]:
-    opposite = np.array(row.get("opposite") or [math.nan] * 3, float)
-    value = float(row["value"])
-    return {
-        "position": (np.array(row["position"], float) - origin).tolist(),
-        "opposite": None if np.isnan(opposite).any() else (opposite - origin).tolist(),
-        "value": value if math.isfinite(value) else 0.0,
-        "kind": str(row.get("kind", "wall")),
     }
 
 
@@ -489,10 +648,11 @@ def show_page(text: str, name: str) -> Path | None:
     return path
 
 
-def frame(text: str, height: int = HEIGHT) -> str:
+def frame(text: str, height: int = HEIGHT, title: str = "the result in three dimensions") -> str:
     """Return a page as a frame for another page, with all that it needs inside."""
     return (
-        f'<iframe srcdoc="{html.escape(text)}" width="100%" height="{height}" '
+        f'<iframe title="{html.escape(title)}" srcdoc="{html.escape(text)}" '
+        f'width="100%" height="{height}" '
         'style="border:0;border-radius:10px" allow="fullscreen"></iframe>'
     )
 

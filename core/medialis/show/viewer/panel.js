@@ -1,7 +1,7 @@
 // What stands around the canvas. All text from outside is set as text, never as HTML.
 "use strict";
 
-const STEPS = 1000, NARROW = 760;
+const STEPS = 1000, NARROW = 760, TURN = Math.PI / 18;
 
 class Panel {
   constructor(viewer) {
@@ -10,12 +10,12 @@ class Panel {
     this.active = viewer.parts.find(part => part.visible && part.filterBy !== null && part.field)
       ?? viewer.parts.find(part => part.visible && part.field) ?? viewer.parts[0];
     this.byId = Object.fromEntries([...document.querySelectorAll("[id]")].map(e => [e.id, e]));
-    this.byId.title.textContent = document.title = this.data.title;
     this.showLayers();
     this.showLegend();
-    this.showSpots();
-    this.showNotes();
+    this.showPlaces();
+    this.section();
     this.listen();
+    this.sayMenu();
     viewer.drawn.push(() => this.placeLabels());
   }
 
@@ -32,10 +32,12 @@ class Panel {
     return `${number} (${said(Number((100 * value / this.data.diagonal).toPrecision(3)))} % of the size)`;
   }
 
+  decimals() { return Math.min(12, Math.max(0, 3 - Math.floor(Math.log10(this.data.diagonal)))); }
+
   // Where a place is in the units of the file, with the digits that tell places of the shape apart.
   placeWords(place) {
-    const decimals = Math.min(12, Math.max(0, 3 - Math.floor(Math.log10(this.data.diagonal))));
-    return place.map((x, axis) => (x + this.data.origin[axis]).toFixed(decimals)).join(", ");
+    const unit = this.data.unit ? ` ${this.data.unit}` : "";
+    return place.map((x, axis) => (x + this.data.origin[axis]).toFixed(this.decimals())).join(", ") + unit;
   }
 
   showLayers() {
@@ -49,8 +51,8 @@ class Panel {
     }});
     const count = element("small", {textContent: this.countOf(part)});
     const eye = element("input", {type: "checkbox", checked: part.visible,
-      ariaLabel: `show ${part.title}`, onchange: () => this.switchOn(part, eye.checked)});
-    const choice = element("select", {ariaLabel: `colours of ${part.title}`, onchange: () => {
+      ariaLabel: `Show ${part.title}`, onchange: () => this.switchOn(part, eye.checked)});
+    const choice = element("select", {ariaLabel: `Colours of ${part.title}`, onchange: () => {
       part.showColors(choice.value === "" ? null : Number(choice.value));
       this.active = part;
       this.showLegend();
@@ -67,7 +69,7 @@ class Panel {
   }
 
   countOf(part) {
-    const count = part.faces ? part.faces.length / 3 : part.count;
+    const count = part.told;  // before triangles were cut at borders
     const noun = part.faces ? "triangle" : part.edges ? "node" : "point";
     return `${count.toLocaleString("en")} ${noun}${count === 1 ? "" : "s"}`;
   }
@@ -78,10 +80,13 @@ class Panel {
       else part.size = 4 ** (2 * value - 1);
       part.refresh();
     };
-    const title = isSurface ? "opacity" : "size";
-    const slider = element("input", {type: "range", min: 0, max: 1, step: 0.01, title,
-      ariaLabel: `${title} of ${part.title}`, oninput: () => set(Number(slider.value))});
+    const title = isSurface ? "Opacity" : "Size";
+    const slider = element("input", {type: "range", min: 0, max: 1, step: 0.05, title,
+      ariaLabel: `${title} of ${part.title}`, oninput: () => { set(Number(slider.value)); say(); }});
+    const say = () => slider.setAttribute("aria-valuetext", isSurface
+      ? `${Math.round(100 * slider.value)} %` : `${said(Number((4 ** (2 * slider.value - 1)).toPrecision(2)))} times`);
     slider.value = isSurface ? part.opacity : 0.5;
+    say();
     return slider;
   }
 
@@ -127,49 +132,51 @@ class Panel {
     const kept = [from > 0 ? `from ${this.words(field, value(from))}` : "",
       to < 1 ? `up to ${this.words(field, value(to))}` : ""].filter(Boolean).join(" ");
     this.byId.kept.textContent = kept ? `Shown ${kept}` : "Drag the ends to hide values";
+    for (const [slider, share] of [[this.byId.from, from], [this.byId.to, to]])
+      slider.setAttribute("aria-valuetext", this.words(field, value(share)));
   }
 
-  showSpots() {
-    const {spots} = this.data;
-    this.byId.spots.hidden = spots.length === 0;
-    this.labels = spots.map((spot, i) => element("button", {className: `spot ${spot.kind}`,
-      textContent: i + 1, title: this.spotWords(spot), onclick: () => this.showSpot(spot)}));
+  // A step of an arrow key, or ten: to the next round value of the active part.
+  stepHandle(slider, steps) {
+    const {low, high} = this.active.field;
+    slider.value = STEPS * stepped(slider.value / STEPS, low, high, steps);
+    this.moveHandles(slider);
+  }
+
+  // The places of the first table have numbers on the shape; the list, made before, leads to all.
+  showPlaces() {
+    const {places} = this.data;
+    this.marked = places.filter(place => place.onShape);
+    this.labels = this.marked.map(place => element("button", {className: `spot ${place.kind.replace(" ", "-")}`,
+      textContent: place.number, title: placeName(place), ariaLabel: placeName(place), tabIndex: -1,
+      onclick: () => this.showPlace(place)}));
     this.byId.labels.append(...this.labels);
-    this.byId.spotlist.replaceChildren(...spots.map((spot, i) => element("li", {},
-      element("button", {onclick: () => this.showSpot(spot)},
-        element("b", {textContent: i + 1}), this.spotWords(spot)))));
+    document.querySelectorAll("#places button").forEach((button, i) =>
+      button.addEventListener("click", () => this.showPlace(places[i])));
+    document.getElementById("numbers")?.addEventListener("change", () => this.viewer.draw());
   }
 
-  spotWords(spot) {
-    const words = this.words({unit: "length"}, spot.value);
-    return spot.kind === "overlap" ? `${words}, overlap` : words;
-  }
-
-  showSpot(spot) {
-    if (innerWidth < NARROW) document.body.classList.add("closed");
-    const ends = spot.opposite ?? spot.position;
-    const middle = spot.position.map((x, axis) => (x + ends[axis]) / 2);
-    this.viewer.showBall(middle, spot.value / 2);
+  showPlace(place) {
+    if (innerWidth < NARROW) this.showPanel(false);
+    const ends = place.opposite ?? place.position;
+    const middle = place.position.map((x, axis) => (x + ends[axis]) / 2);
+    this.viewer.showBall(middle, place.table === "ribs" || place.kind === "too thick" ? 0 : place.value / 2);
     this.viewer.lookAt(middle);
-    this.showCard("thin spot", [["thickness", this.spotWords(spot)], ["at", this.placeWords(spot.position)]],
-      middle);
+    this.showCard(`${place.noun} ${place.number}`, [["found", place.text],
+      ["position", this.placeWords(place.position)]], middle);
   }
 
   placeLabels() {
-    const all = [...this.labels.map((label, i) => [label, this.data.spots[i].position])];
+    const all = [...this.labels.map((label, i) => [label, this.marked[i].position])];
+    const numbered = document.getElementById("numbers")?.checked;
     if (this.pin) all.push([this.byId.pin, this.pin]);
     this.byId.pin.hidden = !this.pin;
     for (const [label, place] of all) {
       const at = this.viewer.onScreen(place);
       const isSpot = label !== this.byId.pin;
-      label.hidden = at === null || (isSpot && (!this.byId.numbers.checked || this.viewer.isCutAway(place)));
+      label.hidden = at === null || (isSpot && (!numbered || this.viewer.isCutAway(place)));
       if (at) label.style.transform = `translate(${at[0]}px, ${at[1]}px) translate(-50%, -50%)`;
     }
-  }
-
-  showNotes() {
-    this.byId.notes.hidden = this.data.notes.length === 0;
-    this.byId.notelist.replaceChildren(...this.data.notes.map(note => element("li", {textContent: note})));
   }
 
   // Everything that is known at what was picked.
@@ -178,7 +185,7 @@ class Panel {
     if (!met) return this.hideCard();
     const {part, row} = met, place = [...part.points.slice(3 * row, 3 * row + 3)];
     const rows = part.fields.map(field => [field.title, field.label
-      ? (part.value(field, row) < 0 ? "none" : String(part.value(field, row)))
+      ? (field.classes[part.value(field, row)] ?? (part.value(field, row) < 0 ? "none" : String(part.value(field, row))))
       : this.words(field, part.value(field, row))]);
     const radius = part.fields.find(field => field.name === "radius");
     let ball = radius && part.kind !== "surface" ? [place, part.value(radius, row)] : null;
@@ -189,7 +196,7 @@ class Panel {
         rows.push(["radius of the ball here", this.words({unit: "length"}, touching.radius)]);
       }
     }
-    rows.push(...this.thicknessNear(part, place), ["at", this.placeWords(place)]);
+    rows.push(...this.thicknessNear(part, place), ["position", this.placeWords(place)]);
     this.viewer.showBall(ball ? ball[0] : place, ball ? ball[1] : 0);
     this.showCard(part.title, rows, place);
     return {part: part.title, row, rows};
@@ -200,7 +207,7 @@ class Panel {
     if (part.fields.some(field => field.name === "thickness")) return [];
     for (const other of this.viewer.parts) {
       const field = other.fields.find(one => one.name === "thickness");
-      if (field) return [["thickness near by", this.words(field, other.value(field, other.nearest(...place)))]];
+      if (field) return [["thickness nearby", this.words(field, other.value(field, other.nearest(...place)))]];
     }
     return [];
   }
@@ -221,15 +228,37 @@ class Panel {
     return null;
   }
 
+  // The sides of the box along an axis, in the units of the file; null for the direction of view.
+  depthRange(axis) {
+    const row = "xyz".indexOf(axis);
+    return row < 0 ? null : [-1, 1].map(side => this.data.origin[row] + side * this.data.half[row]);
+  }
+
+  depthWords(axis, share) {
+    const range = this.depthRange(axis);
+    if (!range) return `${Math.round(100 * share)} % of the way`;
+    const unit = this.data.unit ? ` ${this.data.unit}` : "";
+    const at = (range[0] + share * (range[1] - range[0])).toFixed(this.decimals());
+    return `${axis} = ${said(Number(at))}${unit}`;
+  }
+
+  stepDepth(steps) {
+    const {axis, depth} = this.byId;
+    depth.value = STEPS * stepped(depth.value / STEPS, ...(this.depthRange(axis.value) ?? [0, 100]), steps);
+    this.section();
+  }
+
   section() {
     const {axis, depth, flip, inside} = this.byId, viewer = this.viewer;
     const isOn = !this.byId.section.hidden;
     this.byId.cutbutton.setAttribute("aria-pressed", isOn);
-    if (!isOn) return viewer.uncut();
     const view = viewer.camera.position.clone().sub(viewer.controls.target).toArray();
     const normal = {x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1], view}[axis.value];
     viewer.cutsAll = inside.checked;
-    const share = depth.value / STEPS;
+    const share = depth.value / STEPS, words = this.depthWords(axis.value, share);
+    this.byId.depthwords.textContent = words;
+    depth.setAttribute("aria-valuetext", words);
+    if (!isOn) return viewer.uncut();
     if (flip.checked) viewer.cutBy(normal.map(x => -x), 1 - share);
     else viewer.cutBy(normal, share);
   }
@@ -270,9 +299,37 @@ class Panel {
     byId.home.onclick = () => viewer.lookFrom(this.data.direction, this.data.up);
     byId.save.onclick = () => this.save();
     byId.theme.onclick = () => this.setTheme(viewer.isDark() ? "light" : "dark");
-    byId.menu.onclick = () => document.body.classList.toggle("closed");
-    byId.close.onclick = () => this.hideCard();
-    byId.numbers.onchange = () => viewer.draw();
-    addEventListener("keydown", event => { if (event.key === "Escape") this.hideCard(); });
+    byId.menu.onclick = () => this.showPanel(document.body.classList.contains("closed"));
+    byId.close.onclick = () => { this.hideCard(); canvas.focus(); };
+    addEventListener("keydown", event => { if (event.key === "Escape") this.escape(); });
+    canvas.addEventListener("keydown", event => this.turnByKey(event));
+    for (const handle of [byId.from, byId.to])
+      handle.addEventListener("keydown", event => byArrow(event, steps => this.stepHandle(handle, steps)));
+    byId.depth.addEventListener("keydown", event => byArrow(event, steps => this.stepDepth(steps)));
+  }
+
+  showPanel(open) {
+    document.body.classList.toggle("closed", !open);
+    this.sayMenu();
+  }
+
+  sayMenu() { this.byId.menu.setAttribute("aria-expanded", !document.body.classList.contains("closed")); }
+
+  // Close what lies over the shape, the card first.
+  escape() {
+    if (!this.byId.card.hidden) return this.hideCard();
+    if (!this.byId.section.hidden) return this.byId.cutbutton.click();
+    if (innerWidth < NARROW) this.showPanel(false);
+  }
+
+  turnByKey(event) {
+    const turns = {ArrowLeft: [-TURN, 0], ArrowRight: [TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN]};
+    const zooms = {"+": 0.85, "=": 0.85, "-": 1 / 0.85, "−": 1 / 0.85};
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (turns[event.key]) this.viewer.turn(...turns[event.key]);
+    else if (zooms[event.key]) this.viewer.zoom(zooms[event.key]);
+    else if (event.key === "0" || event.key === "Home") this.byId.home.click();
+    else return;
+    event.preventDefault();
   }
 }

@@ -24,7 +24,7 @@ class Part {
     this.edges = about.edges ? Uint32Array.from(wholeNumbers(bytes, about.edges)) : null;
     for (const field of this.fields) {
       field.values = unpackedCodes(bytes, field);
-      field.keep = [field.from, 1];
+      field.keep = [field.from, field.to];
     }
     this.keep = this.filterBy === null ? null : this.fields[this.filterBy];
     this.size = 1;
@@ -42,10 +42,10 @@ class Part {
       keep: {value: new THREE.Vector2(0, 1)}, plain: {value: new THREE.Color()},
       cut: {value: new THREE.Vector4(0, 0, 0, 1)}, mode: {value: 0}, radius: {value: 1},
       pixels: {value: 1}, opacity: {value: 1}, inner: {value: new THREE.Color()},
-      isCut: {value: false}, facets: {value: false},
+      isCut: {value: false}, facets: {value: false}, ballSize: {value: 0},
     };
     this.codes = new THREE.BufferAttribute(new Float32Array(this.count), 1);
-    if (this.kind === "surface") return [this.surface(position)];
+    if (this.kind === "surface") return [this.surface(position), ...(this.edges ? [this.tubes()] : [])];
     if (this.kind === "points") return [this.dots(position)];
     return [this.tubes(), this.dots(position)];
   }
@@ -77,6 +77,9 @@ class Part {
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", position);
     geometry.setAttribute("code", this.codes);
+    const balls = this.role === "balls" ? this.fields.find(field => field.name === "radius") : null;
+    this.balls = balls ? Float32Array.from({length: this.count}, (_, row) => this.value(balls, row) ?? 0) : null;
+    if (balls) geometry.setAttribute("ball", new THREE.BufferAttribute(this.balls, 1));
     return this.finished(new THREE.Points(geometry, this.material(POINT_VERTEX, POINT_FRAGMENT)));
   }
 
@@ -99,6 +102,11 @@ class Part {
     return this.finished(new THREE.Mesh(geometry, material));
   }
 
+  paletteOf(field) {
+    if (field.colors && !field.texture) field.texture = colorTexture(base64Bytes(field.colors), false);
+    return field.texture ?? this.viewer.palette;
+  }
+
   // Colour by a field (its number), or plainly (null).
   showColors(number) {
     this.colorBy = number;
@@ -107,7 +115,7 @@ class Part {
     if (field !== null) {
       this.codes.array.set(field.values);
       this.codes.needsUpdate = true;
-      uniforms.colors.value = field.label ? this.viewer.palette : this.viewer.maps[field.map];
+      uniforms.colors.value = field.label ? this.paletteOf(field) : this.viewer.maps[field.map];
       const [first, last] = field.limits, range = field.high - field.low || 1;
       const span = last - first || 1;
       uniforms.scale.value.set(range / span, (field.low - first) / span);
@@ -166,8 +174,8 @@ class Part {
     uniforms.keep.value.set(...(field && !field.label ? field.keep : [0, 1]));
     uniforms.plain.value.setRGB(...viewer.plainColor(this.kind));
     uniforms.inner.value.setRGB(...viewer.innerColor());
-    uniforms.radius.value = this.size * (this.kind === "curves" ? 0.004 : this.dotRadius());
-    uniforms.radius.value *= this.kind === "curves" ? viewer.diagonal : 1;
+    uniforms.radius.value = this.size * (this.edges ? 0.004 * viewer.diagonal : this.dotRadius());
+    uniforms.ballSize.value = this.balls ? this.size : 0;
     uniforms.facets.value = this.kind === "surface" && this.count < 3000;
     const [x, y, z, w] = viewer.cut;
     const cuts = this.kind === "surface" || viewer.cutsAll;

@@ -30,16 +30,16 @@ function metTriangle(part, eye, ray) {
 
 // The foremost of the dots under the pointer, else the nearest within some pixels, or null.
 function metPoint(part, eye, ray, pixels) {
-  const p = part.points, radius = part.uniforms.radius.value;
+  const p = part.points, same = part.uniforms.radius.value;
   let best = null;
   for (let i = 0; i < part.count; i++) {
     const x = p[3 * i] - eye.x, y = p[3 * i + 1] - eye.y, z = p[3 * i + 2] - eye.z;
     const along = x * ray.x + y * ray.y + z * ray.z;
     if (along <= 0) continue;
     const off = Math.sqrt(Math.max(0, x * x + y * y + z * z - along * along));
-    const allowed = Math.max(radius, TOUCH * along / pixels);
+    const radius = part.balls ? part.size * part.balls[i] : same, allowed = Math.max(radius, TOUCH * along / pixels);
     if (off > allowed || !part.isSeen(i)) continue;
-    const score = off <= radius ? along : 1e9 * (1 + off / along);
+    const score = off <= radius ? along - (part.balls ? Math.sqrt(radius * radius - off * off) : 0) : 1e9 * (1 + off / along);
     if (!best || score < best.score) best = {distance: along, row: i, score};
   }
   return best;

@@ -76,14 +76,19 @@ void main() {
 
 const POINT_VERTEX = `${COMMON}
 in float code;
+in float ball;              // the radius of the ball here
 uniform float radius;
+uniform float ballSize;     // 0: all dots are alike; else balls are so many times as large
 uniform float pixels;       // of one unit of length at distance 1
 out float value;
+flat out vec4 middle;       // z to the eye, radius, and what makes a depth of z
 void main() {
   vec4 seen = modelViewMatrix * vec4(position, 1.0);
+  float size = ballSize > 0.0 ? ballSize * ball : radius;
   value = code;
+  middle = vec4(seen.z, size, projectionMatrix[2][2], projectionMatrix[3][2]);
   gl_Position = projectionMatrix * seen;
-  gl_PointSize = clamp(2.0 * radius * pixels / -seen.z, 1.5, 96.0);
+  gl_PointSize = clamp(2.0 * size * pixels / -seen.z, 1.5, ballSize > 0.0 ? 2048.0 : 96.0);
   if (!kept(code) || dot(cut.xyz, position) > cut.w) {
     gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
     gl_PointSize = 0.0;
@@ -92,11 +97,14 @@ void main() {
 
 const POINT_FRAGMENT = `${COMMON}
 in float value;
+flat in vec4 middle;
 out vec4 fragment;
 void main() {
   vec2 q = vec2(2.0, -2.0) * gl_PointCoord + vec2(-1.0, 1.0);
   float square = dot(q, q);
   if (square > 1.0) discard;
+  float z = min(middle.x + middle.y * sqrt(1.0 - square), -1e-6);
+  gl_FragDepth = 0.5 - 0.5 * (middle.z * z + middle.w) / z;
   fragment = vec4(lit(colored(value), vec3(q, sqrt(1.0 - square))), 1.0);
 }`;
 

@@ -1,7 +1,7 @@
 // The scene on its canvas: camera, colours of the page, section, pictures.
 "use strict";
 
-const FIELD_OF_VIEW = 30, FAR_AWAY = 60, LEGEND = 140;
+const FIELD_OF_VIEW = 30, FAR_AWAY = 60, LEGEND = 140, BUTTONS = 70;  // pixels below and above
 
 class Viewer {
   constructor(data, bytes, canvas) {
@@ -54,22 +54,46 @@ class Viewer {
     this.draw();
   }
 
-  // How far away the camera must be for all points of the shape to be above the legend.
+  // How far away the camera must be for all that is seen at first to be above the legend and below the
+  // buttons.
   distanceAlong(away) {
     const {clientWidth: width, clientHeight: height} = this.canvas.parentElement;
     const right = this.camera.up.clone().cross(away).normalize(), above = away.clone().cross(right);
     const half = 0.93 * Math.tan(FIELD_OF_VIEW / 2 * Math.PI / 180);
     const wide = half * Math.max(0.2, width / Math.max(1, height));
-    const tall = half * Math.max(0.2, (height - LEGEND) / Math.max(1, height));
-    const {points} = this.parts.find(part => part.kind === "surface") ?? this.parts[0];
-    const step = 3 * Math.ceil(points.length / 60000), place = new THREE.Vector3();
+    const tall = half * Math.max(0.2, (height - LEGEND - BUTTONS) / Math.max(1, height));
+    const place = new THREE.Vector3();
     let farthest = 0.1 * this.diagonal;
-    for (let i = 0; i < points.length; i += step) {
-      place.set(points[i], points[i + 1], points[i + 2]).sub(this.middle);
-      const off = Math.max(Math.abs(place.dot(right)) / wide, Math.abs(place.dot(above)) / tall);
-      farthest = Math.max(farthest, place.dot(away) + off);
+    for (const {points, balls} of this.parts.filter(part => part.visible)) {
+      const step = Math.ceil(points.length / 60000);
+      for (let row = 0; 3 * row < points.length; row += step) {
+        place.set(points[3 * row], points[3 * row + 1], points[3 * row + 2]).sub(this.middle);
+        const sides = Math.max(Math.abs(place.dot(right)), Math.abs(place.dot(above)) * wide / tall);
+        const off = (sides + (balls ? balls[row] : 0)) / wide;
+        if (place.length() < 2 * this.diagonal) farthest = Math.max(farthest, place.dot(away) + off);
+      }
     }
     return farthest;
+  }
+
+  // Turn round what is looked at: about the axis that is up, and up or down, short of the poles.
+  turn(around, down) {
+    const {camera, controls} = this, up = camera.up.clone().normalize();
+    const away = camera.position.clone().sub(controls.target);
+    const polar = away.angleTo(up), right = up.clone().cross(away).normalize();
+    const room = Math.min(Math.PI - 0.01, Math.max(0.01, polar + down)) - polar;
+    away.applyAxisAngle(right, room).applyAxisAngle(up, around);
+    this.isFirstView = false;
+    camera.position.copy(controls.target).add(away);
+    this.draw();
+  }
+
+  zoom(factor) {
+    const {camera, controls} = this, away = camera.position.clone().sub(controls.target);
+    this.isFirstView = false;
+    const far = Math.min(controls.maxDistance, Math.max(this.diagonal / 400, factor * away.length()));
+    camera.position.copy(controls.target).add(away.setLength(far));
+    this.draw();
   }
 
   // Fly to a place: the camera keeps its direction and comes nearer.
@@ -94,7 +118,7 @@ class Viewer {
     if (!width || !height) return;
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
-    this.camera.setViewOffset(width, height, 0, LEGEND / 2, width, height);  // room for the legend
+    this.camera.setViewOffset(width, height, 0, (LEGEND - BUTTONS) / 2, width, height);
     if (this.isFirstView) this.lookFrom(this.data.direction, this.data.up);
     this.draw();
   }
