@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 import medialis
-from closed_forms import icosphere
-from medialis.medial_meshes.fins import Touched, without_fins
+from closed_forms import icosphere, prism
+from medialis.base.progress import Progress
+from medialis.medial_meshes.fine_complex import fine_complex
+from medialis.medial_meshes.fins import Touched, creased, on_reflex_edges, without_fins
 from medialis.medial_meshes.medial_mesh import collapse
 from medialis.medial_meshes.mesh import Complex, betti_numbers, sheets_of
+from medialis.medial_meshes.sampling import Solid
 from medialis.operations.registry import run
 
 
@@ -161,3 +164,39 @@ def test_what_is_longer_gets_more_balls():
     mesh = medialis.medial_mesh(long, balls=120)
     assert 1 < len(mesh) < 120
     assert medialis.envelope_distance(mesh, long).largest < 0.3 * 0.02
+
+
+HOOK = np.array([[0, 0], [1, 0], [1, 0.3], [0.3, 0.3], [0.3, 0.8], [0, 0.8]])
+"""The outline of an L."""
+
+
+def test_rims_of_an_l_reach_its_edges_and_corners():
+    """Balls of radius 0 are on the edges that stick out; the places on the one that goes in too."""
+    shape = prism(HOOK, 0.4, 0.1)
+    solid = Solid(shape.points / shape.diagonal, shape.faces)
+    fine = fine_complex(solid, 3000, 0.002, 0, Progress(), on_reflex_edges)
+    found, planes = creased(fine, solid)
+    assert (found.edges is fine.edges) and (found.faces is fine.faces)
+    moved = np.flatnonzero((found.balls != fine.balls).any(axis=1))
+    assert len(moved) > 100 and (found.balls[moved, 3] == 0).all()
+    assert np.array_equal(np.unique(planes.ball), moved)
+    places = found.balls[moved, :3] * shape.diagonal
+    sides = np.stack([HOOK, np.roll(HOOK, -1, axis=0)], axis=1)
+    x, y = places[:, :2].T
+    off = [(b - a)[0] * (y - a[1]) - (b - a)[1] * (x - a[0]) for a, b in sides]
+    flat = [np.abs(one) < 1e-9 for one in off]
+    ends = np.abs(np.abs(places[:, 2]) - 0.2) < 1e-9
+    assert (np.sum([*flat, ends], axis=0) >= 2).all()
+    reflex = HOOK[3]
+    for x, y in HOOK:
+        off = np.linalg.norm(places - [x, y, 0.2], axis=1).min()
+        assert (x, y) == tuple(reflex) or off < 1e-9
+    inner, normals = on_reflex_edges(solid, 0.01)
+    assert np.allclose(inner[:, :2] * shape.diagonal, reflex) and len(inner) > 20
+    assert np.allclose(normals, np.array([1, 1, 0]) / np.sqrt(2))
+    assert len(on_reflex_edges(solid_of_a_ball(), 0.01)[0]) == 0
+
+
+def solid_of_a_ball():
+    shape = icosphere(2)
+    return Solid(shape.points, shape.faces)

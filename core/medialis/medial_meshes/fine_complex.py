@@ -15,6 +15,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -106,8 +107,17 @@ class FineComplex:
     betti: tuple[int, int, int]
 
 
+More = Callable[[Solid, float], tuple[FloatArray, FloatArray]]
+"""What tells further samples of a body by their spacing: places and normals."""
+
+
 def fine_complex(
-    solid: Solid, count: int, relief: float, seed: int, progress: Progress
+    solid: Solid,
+    count: int,
+    relief: float,
+    seed: int,
+    progress: Progress,
+    more: More | None = None,
 ) -> FineComplex:
     """Build the complex of about `count` samples; more come until its Betti numbers are right.
 
@@ -122,7 +132,7 @@ def fine_complex(
     for k, (body, number) in enumerate(zip(bodies, counts, strict=True)):
         with progress.stage("complex", k / len(bodies), (k + 1) / len(bodies)):
             try:
-                found.append(_of_body(body, int(number), relief, seed, progress))
+                found.append(_of_body(body, int(number), relief, seed, progress, more))
             except InvalidShapeError:
                 if k == len(bodies) - 1 and not found:
                     raise
@@ -148,13 +158,17 @@ def fine_complex(
     return best
 
 
-def _of_body(solid: Solid, count: int, relief: float, seed: int, progress: Progress) -> FineComplex:
+def _of_body(
+    solid: Solid, count: int, relief: float, seed: int, progress: Progress, more: More | None
+) -> FineComplex:
     """Build the complex of one body: the best of some attempts."""
     found: list[FineComplex] = []
     for attempt, factor in enumerate(ATTEMPTS):
         if sum(len(one.samples.chosen) for one in found) * MENDED > MOST_TRIED * count:
             break
         samples = take_samples(solid, int(factor * count), seed + 1000 * attempt)
+        if more is not None:
+            samples = samples.with_more(*more(solid, samples.spacing))
         with progress.stage("complex", attempt / len(ATTEMPTS), (attempt + 1) / len(ATTEMPTS)):
             found.append(_mended(solid, samples, relief, progress))
         if solid.betti is None or found[-1].betti == solid.betti:

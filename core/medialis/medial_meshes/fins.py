@@ -11,12 +11,13 @@ all of the surface is as far from each: they would take long to fit, to follow t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, Ragged
+from medialis.base.arrays import Index, Mask, Ragged, kd_tree
 from medialis.base.box_tree import NearestTree
 from medialis.base.validation import FloatArray
 from medialis.medial_meshes.fine_complex import FineComplex
@@ -25,6 +26,16 @@ from medialis.medial_meshes.sampling import Solid
 
 AT_ONCE = 0.5
 """Share of the size of the largest sheet from which on sheets come back in the same step."""
+
+CREASED = math.cos(math.radians(40.0))
+"""Cosine of the turn across an edge of the mesh from which on sheets end there."""
+
+TOUCHES, NEAR_SAMPLES = 1.3, 3.0
+"""How many times its radius, and how many spacings, a ball that ends at an edge is from its faces
+and as large, at most."""
+
+ROUNDED = 9
+"""Digits of places that tell whether they are the same."""
 
 ROUNDS = 8
 """In which fins are sought, at most: each makes sheets that were cut by fins one."""
@@ -51,6 +62,110 @@ def finless(fine: FineComplex, bound: float) -> FineComplex:
         tree = NearestTree.of_balls(now.balls[:, :3], now.balls[:, 3])
         pole[lost] = tree.distances(fine.samples.points[lost])[1]
     return FineComplex(now.balls, now.edges, now.faces, fine.samples, pole, fine.betti)
+
+
+class Planes(NamedTuple):
+    """Planes that balls touch: the ball of each (p,), a place on it and its normal, (p, 3)."""
+
+    ball: Index
+    feet: FloatArray
+    normals: FloatArray
+
+
+def creased(fine: FineComplex, solid: Solid) -> tuple[FineComplex, Planes]:
+    """Return a complex whose rims reach the sharp edges and corners of the mesh, with radius 0.
+
+    Samples leave a rim a spacing short of them. Only places change: those of balls on a rim that
+    touch both faces of an edge. Their planes are returned too.
+    """
+    ends, normals = _creases(solid, outward=True)
+    none = Planes(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 3)))
+    if len(ends) == 0:
+        return fine, none
+    rim = _rim(fine)
+    balls = fine.balls.copy()
+    crease, foot = _nearest_on(ends, balls[rim, :3], fine.samples.spacing)
+    lean = np.sqrt(
+        np.maximum(0.5 * (1 + np.einsum("ij,ij->i", *normals[crease].swapaxes(0, 1))), 0)
+    )
+    far = np.linalg.norm(foot - balls[rim, :3], axis=1) * lean
+    radii = balls[rim, 3]
+    reaches = (far < TOUCHES * radii) & (radii < NEAR_SAMPLES * fine.samples.spacing)
+    rim, crease, foot = rim[reaches], crease[reaches], foot[reaches]
+    if len(rim) == 0:
+        return fine, none
+    ball = np.repeat(rim, 2)
+    facing = normals[crease].reshape(-1, 3)
+    corners, uses = np.unique(ends.reshape(-1, 3), axis=0, return_counts=True)
+    balls[rim] = np.column_stack([foot, np.zeros(len(rim))])
+    away, near = kd_tree(foot).query(corners)
+    for k in np.flatnonzero((uses > 2) & (away < NEAR_SAMPLES * fine.samples.spacing)):
+        balls[rim[near[k]], :3] = corners[k]
+        around = (ends == corners[k]).all(axis=2).any(axis=1)
+        own = normals[around].reshape(-1, 3)
+        ball = np.append(ball, np.full(len(own), rim[near[k]]))
+        facing = np.concatenate([facing, own])
+    found = FineComplex(balls, fine.edges, fine.faces, fine.samples, fine.pole, fine.betti)
+    return found, Planes(ball, balls[ball, :3], facing)
+
+
+def on_reflex_edges(solid: Solid, spacing: float) -> tuple[FloatArray, FloatArray]:
+    """Return places on the sharp edges that go inwards, and normals there, (q, 3) each.
+
+    Without samples on them balls beside stick out between those of the faces.
+    """
+    ends, normals = _creases(solid, outward=False)
+    if len(ends) == 0:
+        return np.empty((0, 3)), np.empty((0, 3))
+    row, share = _along(ends, spacing)
+    middle = normals.sum(axis=1)
+    middle /= np.maximum(np.linalg.norm(middle, axis=1), 1e-300)[:, None]
+    places = (1 - share) * ends[row, 0] + share * ends[row, 1]
+    places, first = np.unique(np.round(places, ROUNDED), axis=0, return_index=True)
+    return places, middle[row[first]]
+
+
+def _creases(solid: Solid, *, outward: bool) -> tuple[FloatArray, FloatArray]:
+    """Return the ends (e, 2, 3) of edges that stick out, or go in, and normals (e, 2, 3) there."""
+    surface, points, faces = solid.surface, solid.points, solid.faces
+    first, second, _ = surface.edge_table.pairs
+    a, b = first // 3, second // 3
+    normals = np.stack([surface.face_normals[a], surface.face_normals[b]], axis=1)
+    far = points[faces[b, (second + 2) % 3]] - points[faces[a, 0]]
+    out = np.einsum("ij,ij->i", far, normals[:, 0]) < 0
+    sharp = (out == outward) & (np.einsum("ij,ij->i", normals[:, 0], normals[:, 1]) < CREASED)
+    rows = np.stack([faces[a, first % 3], faces[a, (first + 1) % 3]], axis=1)[sharp]
+    return points[rows], normals[sharp]
+
+
+def _rim(fine: FineComplex) -> Index:
+    """Return the vertices on free sides of triangles, and free ends of edges."""
+    count = len(fine.balls)
+    sides = np.sort(fine.faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
+    keys, uses = np.unique(sides @ [count, 1], return_counts=True)
+    free = keys[uses == 1]
+    ends = np.flatnonzero(np.bincount(fine.edges.ravel(), minlength=count) == 1)
+    return np.unique(np.concatenate([free // count, free % count, ends]))
+
+
+def _nearest_on(ends: FloatArray, places: FloatArray, step: float) -> tuple[Index, FloatArray]:
+    """Return the segment (e, 2, 3) next to each place, about, and the place on it that is."""
+    way = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(way, axis=1)
+    row, share = _along(ends, step)
+    near = row[kd_tree(ends[row, 0] + share * way[row]).query(places)[1]]
+    along = np.einsum("ij,ij->i", places - ends[near, 0], way[near])
+    along = np.clip(along / np.maximum(length[near] ** 2, 1e-300), 0.0, 1.0)
+    return near, ends[near, 0] + along[:, None] * way[near]
+
+
+def _along(ends: FloatArray, step: float) -> tuple[Index, FloatArray]:
+    """Return the segment of each of some places at steps along it, and how far along, (q, 1)."""
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    pieces = np.ceil(length / step).astype(np.int64) + 1
+    row = np.repeat(np.arange(len(ends)), pieces)
+    number = np.arange(len(row)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    return row, (number / np.maximum(pieces - 1, 1)[row])[:, None]
 
 
 class Touched(NamedTuple):

@@ -21,10 +21,11 @@ from medialis.base.validation import FloatArray, require_rows
 from medialis.medial_meshes.distances import boundary_points, measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
-from medialis.medial_meshes.fins import finless, is_round, useful
+from medialis.medial_meshes.fins import Planes, creased, finless, is_round, on_reflex_edges, useful
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
 from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
+from medialis.medial_meshes.roofs import planes_of as planes_of_faces
 from medialis.medial_meshes.sampling import Samples, Solid, take_samples, without_holes
 from medialis.shape.shape import Shape
 
@@ -144,7 +145,11 @@ PLANS = {
 
 
 def planes_of(
-    samples: Samples, balls: FloatArray, owner: Index, roof: Roof | None = None
+    samples: Samples,
+    balls: FloatArray,
+    owner: Index,
+    roof: Roof | None = None,
+    touched: Planes | None = None,
 ) -> FloatArray:
     """Return the quadric of each ball: the planes of the candidates that belong to it, (v, 15).
 
@@ -162,6 +167,9 @@ def planes_of(
     if roof is not None:
         ball, plane = (x.copy() for x in np.nonzero(roof.touched(balls)))
         normals, feet = -roof.planes[plane, :3], -roof.planes[plane, 3:] * roof.planes[plane, :3]
+        touched = Planes(ball, feet, normals)
+    if touched is not None and len(touched.ball):
+        ball, feet, normals = touched
         share = TOUCHED * float(weights.mean())
         add_planes(feet, normals, np.full(len(ball), share), ball, quadrics)
         rim = balls[:, 3] < RIM
@@ -391,7 +399,8 @@ class Search:
             return roof.mesh(self.balls)
         start, _ = self.base.sequence.level(self.balls)
         if len(start) > MANY:
-            return self._closed(self._measured(start, self._all, "many"))
+            target = self._with_worst(start, self._all.within)
+            return self._closed(self._measured(start, target, "many"))
         if quality == "fast":
             return self._fitted(start, self._all, "fast").mesh
         start, _ = self.base.sequence.level(int(START * self.balls))
@@ -654,13 +663,17 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
     def work() -> Base:
         with progress.stage("sampling", 0.0, 0.7):
             if roof is None:
-                fine = fine_complex(solid, count, options.relief, options.seed, progress)
+                flat = planes_of_faces(solid) is not None
+                given = solid, count, options.relief, options.seed, progress
+                fine = fine_complex(*given, on_reflex_edges if flat else None)
                 fine = finless(fine, FIN) if whole else fine
+                fine, touched = creased(fine, solid) if flat else (fine, None)
             else:
+                touched = None
                 fine = complex_of(roof, take_samples(solid, count, options.seed), count)
         with progress.stage("collapse", 0.7, 1.0):
             start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
-            planes = planes_of(samples, fine.balls, fine.pole, roof)
+            planes = planes_of(samples, fine.balls, fine.pole, roof, touched)
             sequence, bounds = run_together(
                 lambda: collapse(start, planes, 1, whole=whole),
                 lambda: Bounds(samples.points, samples.normals),  # in order for the fits
