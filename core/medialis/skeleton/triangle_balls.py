@@ -189,9 +189,13 @@ class Walls:
         height = np.einsum("kj,kj->k", weights * weights[:, [1, 2, 0]], bulges)
         height *= signs[touching]
         radii = _within_bulges(own - contact, height, direction[touching], radii)
-        radii = _within_cylinders(shape, faces, own, direction[touching], radii)
+        radii = _within_cylinders(shape, faces, contact, own, direction[touching], radii)
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
 
+
+AT_EDGE = 0.3
+"""Radii of the ball: where the contact with a chord lies farther off that with the cylinder than
+chords do, it lies at the end of the cylinder."""
 
 ROUNDS_TO_TOUCH = 4
 """The first one leaves the square of what chords lie off, over the radius."""
@@ -212,17 +216,28 @@ def _within_bulges(
 
 
 def _within_cylinders(
-    shape: Shape, faces: IntArray, own: FloatArray, directions: FloatArray, radii: FloatArray
+    shape: Shape,
+    faces: IntArray,
+    contact: FloatArray,
+    own: FloatArray,
+    directions: FloatArray,
+    radii: FloatArray,
 ) -> FloatArray:
     """Return radii of balls that touch the cylinder that a face is a chord of, not the chord.
 
-    Of a bore seen from the wall around it chords lie beyond the surface: balls were too large.
+    Of a bore seen from the wall around it chords lie beyond the surface: balls were too large. At
+    the ends of a cylinder a ball touches its edge, and what is beyond is no surface.
     """
     cylinders, result = shape.cylinders, np.array(radii)
     rows = np.arange(0) if cylinders is None else np.flatnonzero(cylinders.label[faces] >= 0)
     if cylinders is None or len(rows) == 0:
         return result
-    which, own, directions = cylinders.label[faces[rows]], own[rows], directions[rows]
+    which, center = cylinders.label[faces[rows]], own[rows] - radii[rows, None] * directions[rows]
+    foot = center + cylinders.heights(which, center)[:, None] * cylinders.normals(which, center)
+    deep = np.abs(cylinders.heights(which, contact[rows]))
+    inside = np.linalg.norm(foot - contact[rows], axis=1) <= 2.0 * deep + AT_EDGE * radii[rows]
+    rows, which = rows[inside], which[inside]
+    own, directions = own[rows], directions[rows]
     for _ in range(ROUNDS_TO_TOUCH):
         center = own - result[rows, None] * directions
         height = cylinders.heights(which, center)

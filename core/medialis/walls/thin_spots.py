@@ -513,7 +513,10 @@ class WallBalls:
         rows, sizes = (high, sizes[sizes >= least]) if len(high) else (rows, sizes)
         start = self._deepest(rows[sizes <= (1.0 + ALIKE) * sizes[0]], place.vertices)
         position = surface.points[self.balls.features[start, 0]]
-        opposite = self.balls.contacts[start]
+        # The ball touches the smooth surface over its contact.
+        center, contact = self.balls.centers[start], self.balls.contacts[start]
+        away = float(np.linalg.norm(contact - center))
+        opposite = center + (contact - center) * (self.balls.radii[start] / max(away, 1e-300))
         value = min(value, 2.0 * self.share * float(self.balls.radii[start]))
         if surface.faces is None:
             return position, opposite, value
