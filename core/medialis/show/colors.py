@@ -20,8 +20,9 @@ MISSING = (0.62, 0.62, 0.62)
 TABLE_SIZE = 1024
 PALETTE_SIZE = 48
 
-ROUNDING = 1e-9
-"""Share of the numbers themselves: values that differ by less are the same, and have one colour."""
+SAME = 2e-3
+"""Share of the numbers themselves: values that differ by less have one colour. A legend tells three
+digits, and a scale of five times the same number says nothing."""
 
 
 def to_linear(rgb: ArrayLike) -> FloatArray:
@@ -124,7 +125,7 @@ def value_range(
     if len(finite) == 0:  # nothing to scale by
         bottom = bottom if math.isfinite(bottom) else min(0.0, top if math.isfinite(top) else 0.0)
         top = top if math.isfinite(top) else max(1.0, bottom)
-    if low is None and high is None and abs(top - bottom) <= ROUNDING * max(abs(top), abs(bottom)):
+    if low is None and high is None and abs(top - bottom) <= SAME * max(abs(top), abs(bottom)):
         top = bottom
     if low is not None and high is None:
         top = max(top, bottom)
@@ -197,7 +198,7 @@ def map_colors(
         # Halves, because top - bottom can overflow.
         share = (data / 2 - bottom / 2) / (top / 2 - bottom / 2)
     else:
-        away = np.where(np.isclose(data, bottom, rtol=ROUNDING, atol=0.0), 0.0, data - bottom)
+        away = np.where(np.isclose(data, bottom, rtol=SAME, atol=0.0), 0.0, data - bottom)
         share = np.full(data.shape, 0.5) + np.sign(away)
     share = np.where(missing, 0.0, np.clip(share, 0.0, 1.0))
     colors = table[np.rint(share * (TABLE_SIZE - 1)).astype(np.int64)]
