@@ -34,7 +34,7 @@ def made(shape, scale=1.0, shift=0.0, single=False):
     return medialis.make_shape(points, shape.faces)
 
 
-@pytest.mark.parametrize("around", [12, 31, 90])
+@pytest.mark.parametrize("around", [12, 31, 90, 400])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 25.4])
 @pytest.mark.parametrize("single", [False, True])
 def test_a_pipe_has_two_cylinders(around, scale, single):

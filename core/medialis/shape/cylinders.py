@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from medialis.base.arrays import Mask, next_side, unit_rows
 from medialis.base.validation import Directions, FloatArray, IntArray, Positions, frozen
-from medialis.shape.rulings import SHORTER, is_part, needles
+from medialis.shape.rulings import ALONG, SHORTER, is_part, needles
 from medialis.shape.surface import Surface, piece_labels
 
 Rows = NDArray[np.int64]
@@ -32,7 +32,7 @@ ON_IT = 2e-6  # halved 0 %, doubled 0 %
 file, twice that since a cylinder has two ends."""
 
 CLEARLY = 10.0  # halved 0 %, doubled 0 %
-"""So many times as far lie chords off a cylinder, else it might be flat."""
+"""So many times as far lies the chord of its arc off a cylinder, else it might be flat."""
 
 LEAST_CORNERS = 5  # halved 0 %, doubled 0 %
 """Different corners, seen along the axis: three lie on a circle always, and two more tell. So does
@@ -186,7 +186,7 @@ def _with_spheres(
         radius = math.sqrt(max(center[3] + center[:3] @ center[:3], 0.0))
         off = np.linalg.norm(local - center[:3], axis=1) - radius
         middle = surface.points[faces[some]].mean(axis=1) - origin - center[:3]
-        bulge = radius - float(np.median(np.linalg.norm(middle, axis=1)))
+        bulge = radius - float(np.linalg.norm(center[:3]))  # of the whole cap
         if rank[1] < 4 or np.abs(off).max() > near or bulge < CLEARLY * near:
             continue
         facing = math.copysign(1.0, np.einsum("fa,fa->f", middle, surface.face_vectors[some]).sum())
@@ -324,7 +324,7 @@ def _fit(surface: Surface, faces: Rows, near: float, least: int) -> _Fitted | No
     sides = np.roll(sides, -1, axis=1) - sides
     longest = np.einsum("fja,fja->fj", sides, sides).argmax(axis=1)
     steps = sides[np.arange(len(faces)), longest]
-    axis = np.linalg.eigh(steps.T @ steps)[1][:, 2]
+    axis = needle = np.linalg.eigh(steps.T @ steps)[1][:, 2]
     vertices = np.unique(np.asarray(surface.faces)[faces])
     points = surface.points[vertices]
     origin = points.mean(axis=0)
@@ -355,7 +355,7 @@ def _fit(surface: Surface, faces: Rows, near: float, least: int) -> _Fitted | No
         center, radius = center + change[2:4] @ across, radius + change[4]
         if np.abs(change).max() < 1e-3 * near:
             break
-    if np.abs(off).max() > near or radius <= CLEARLY * near:
+    if np.abs(off).max() > near or radius <= CLEARLY * near or abs(axis @ needle) < ALONG:
         return None
     angle = np.sort(np.arctan2(unit @ across[1], unit @ across[0]))
     gaps = np.diff(angle, append=angle[0] + 2.0 * math.pi)
@@ -363,7 +363,8 @@ def _fit(surface: Surface, faces: Rows, near: float, least: int) -> _Fitted | No
     chords = np.sort(gaps[apart])[:-1]
     if len(chords) + 1 < least:
         return None
-    if radius * (1.0 - math.cos(0.5 * float(np.median(chords)))) < CLEARLY * near:
+    # The arc through all corners: single chords of a fine mesh tell nothing.
+    if radius * (1.0 - math.cos(0.5 * float(chords.sum()))) < CLEARLY * near:
         return None
     middle = surface.points[np.asarray(surface.faces)[faces]].mean(axis=1) - origin - center
     facing = np.einsum("fa,fa->f", middle, surface.face_vectors[faces]).sum()
