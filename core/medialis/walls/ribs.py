@@ -285,6 +285,9 @@ OVER = 1.1
 FAIR = 0.2
 """Share of a foot that has a piece of a wall beside it, at least: others are corners."""
 
+STEEPEST_DRAFT = math.tan(math.radians(10.0))
+"""Slope of one side of a rib, at most: moulding guides have 0.5 to 3 degrees."""
+
 BEHIND = 0.2  # halved 2 %, doubled 100 %
 """Sine of the angle by which a sample may lie behind the tangent plane of a place that sees it."""
 
@@ -747,13 +750,32 @@ def _whole_bosses(found: list[Rib]) -> list[Rib]:
     return kept
 
 
+def _at_foot(surface: Shape, feet: _Feet, rows: Index) -> FloatArray:
+    """Return the thickness of a rib where it stands on its wall, (r,): with draft it grows there.
+
+    It is measured above fillets, and goes on to the wall as both sides lean.
+    """
+    normal, up = feet.rib_normal[rows], feet.wall_normal[rows]
+    apart = surface.points[feet.rib_sample[rows]] - surface.points[feet.wall_sample[rows]]
+    high = np.maximum(np.einsum("va,va->v", apart, up), 0.0)
+    place = np.full(surface.point_count + 1, -1, np.int64)  # the last one is none
+    place[feet.vertices] = np.arange(len(feet.vertices))
+    other = place[feet.across[rows]]
+    facing = np.where((other >= 0)[:, None], feet.rib_normal[other], normal)
+    lean = (np.einsum("va,va->v", side, up) for side in (normal, facing))
+    slopes = [x / np.sqrt(np.maximum(1.0 - x * x, 1e-300)) for x in lean]
+    grows = np.clip(sum(slopes), 0.0, 2.0 * STEEPEST_DRAFT)
+    return np.asarray(feet.rib[rows] + high * grows)
+
+
 def _rib(surface: Shape, feet: _Feet, rows: Index) -> Rib:
     vertices = feet.vertices[rows]
     places = surface.points[vertices]
     middle = places.mean(axis=0)
     far = places[np.argmax(np.linalg.norm(places - middle, axis=1))]
     long = float(np.linalg.norm(places - far, axis=1).max())
-    thick, wall = float(np.median(feet.rib[rows])), float(np.median(feet.wall[rows]))
+    thick = float(np.median(_at_foot(surface, feet, rows)))
+    wall = float(np.median(feet.wall[rows]))
     side = np.cross(far - middle, feet.wall_normal[rows].mean(axis=0))
     side = side / max(float(np.linalg.norm(side)), 1e-300)
     wide = float(np.ptp(places @ side)) if long <= WIDEST * thick else 0.0
