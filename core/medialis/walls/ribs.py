@@ -778,7 +778,7 @@ def _rib(surface: Shape, feet: _Feet, rows: Index) -> Rib:
     wall = float(np.median(feet.wall[rows]))
     side = np.cross(far - middle, feet.wall_normal[rows].mean(axis=0))
     side = side / max(float(np.linalg.norm(side)), 1e-300)
-    wide = float(np.ptp(places @ side)) if long <= WIDEST * thick else 0.0
+    wide = float(np.ptp(places @ side)) if long <= (1.0 + EQUAL) * WIDEST * thick else 0.0
     at = int(np.argmin(np.linalg.norm(places - middle, axis=1)))
     kind: RibKind = "boss" if long <= ROUND * max(thick, wide) else "rib"
     outside = np.einsum("va,va->v", feet.rib_normal[rows], places - middle) > 0
