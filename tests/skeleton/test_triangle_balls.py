@@ -102,15 +102,10 @@ def test_balls_that_shrank_touch_the_face_that_they_name():
     assert len(rows) > 50
     apart = np.linalg.norm(cloud.contacts[rows] - cloud.centers[rows], axis=1)
     # A ball touches the smooth surface, which bulges over the face.
-    bulges = find_creases(cloud.surface, 30.0).bulges[cloud.contact_faces[rows]]
+    bulges = np.maximum(find_creases(cloud.surface, 30.0).bulges[cloud.contact_faces[rows]], 0.0)
     weights = cloud.contact_weights[rows]
-    pairs = weights[:, [0, 1, 2]] * weights[:, [1, 2, 0]]
-    outward, both = ((pairs * b).sum(axis=1) for b in (np.maximum(bulges, 0.0), bulges))
+    height = (weights[:, [0, 1, 2]] * weights[:, [1, 2, 0]] * bulges).sum(axis=1)
     radii = cloud.radii[rows]
-    own = cloud.surface.points[cloud.source[rows]]
-    across = np.linalg.norm(own - cloud.contacts[rows], axis=1) >= np.sqrt(2.0) * radii
-    height = np.where(across & (both < 0), both, outward)
-    assert (across & (both < 0)).any() and (both > 0).any()
     assert apart**2 + 2 * radii * height == pytest.approx(radii**2, rel=1e-9)
     corners = cloud.surface.faces[cloud.contact_faces[rows]]
     assert (corners == cloud.features[rows, 1:]).any(axis=1).all()

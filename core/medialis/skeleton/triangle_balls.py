@@ -185,10 +185,6 @@ class Walls:
         faces, weights = self.faces[face[touching]], places[touching]
         own = shape.points[cloud.source[rows]]
         contact = np.einsum("kj,kja->ka", weights, shape.points[np.asarray(shape.faces)[faces]])
-        bulges = self.hung.reliefs[face[touching], :3] * lengths.unit
-        height = np.einsum("kj,kj->k", weights * weights[:, [1, 2, 0]], bulges)
-        height *= signs[touching]
-        radii = _within_bulges(own - contact, height, direction[touching], radii)
         radii = _within_cylinders(shape, faces, contact, own, direction[touching], radii)
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
 
@@ -199,20 +195,6 @@ chords do, it lies at the end of the cylinder."""
 
 ROUNDS_TO_TOUCH = 4
 """The first one leaves the square of what chords lie off, over the radius."""
-
-
-def _within_bulges(
-    steps: FloatArray, height: FloatArray, directions: FloatArray, radii: FloatArray
-) -> FloatArray:
-    """Return radii of balls that touch the smooth surface over a face, where it bulges toward them.
-
-    As in `_shrink_to`, with `steps` from the contacts to the samples, and h below 0 there. What is
-    beside the own place is relief, as there: it bulges toward the ball by less than it may.
-    """
-    along = 2.0 * (np.einsum("ka,ka->k", steps, directions) - height)
-    square = np.einsum("ka,ka->k", steps, steps)
-    deep = (height < 0) & (square >= 2.0 * radii**2) & (square < radii * along)
-    return np.where(deep, square / np.where(deep, along, 1.0), radii)
 
 
 def _within_cylinders(
