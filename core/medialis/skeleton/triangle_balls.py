@@ -54,6 +54,10 @@ LEAST_FIT = 0.9  # halved 12 %, doubled 95 %
 """Share of the radius that two walls would allow: balls between samples with less lie where those
 of the samples do, since other walls are near."""
 
+LEAST_DEPTH = 1 / 16
+"""Of the tolerance: how deep a face that is no relief may lie in a ball of a shape without flat
+faces and cylinders. With none, a third of the right thicknesses of an irregular mesh were wrong."""
+
 
 @dataclass(frozen=True, eq=False)
 class Walls:
@@ -174,7 +178,11 @@ class Walls:
         lengths = shrink_options(shape.diagonal, tolerance, largest)
         radii = cloud.radii[order] / lengths.unit
         face, places = np.full(len(order), -1, np.int64), np.zeros((len(order), 3))
-        least = ROUNDING * shape.diagonal / lengths.unit  # what is no relief may lie no deeper
+        # What is no relief may lie no deeper in parts; facets of smooth surfaces are not so sure.
+        least = ROUNDING * shape.diagonal / lengths.unit
+        flat = shape.planes is not None and bool((shape.planes >= 0).any())
+        if not flat and (shape.cylinders is None or len(shape.cylinders.radii) == 0):
+            least = max(least, LEAST_DEPTH * lengths.tolerance)
         highest = math.sin(math.radians(min(self.creases.angle, 90.0))) ** 2 / 2
         balls = TangentBalls(samples, direction, signs, at_own, radii, face, places)
         given = balls, lengths, least, highest, self.hung
