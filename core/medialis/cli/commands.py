@@ -206,12 +206,15 @@ def _as_asked(results: list[Outcome], options: argparse.Namespace) -> list[Outco
 
 def _title(source: Path, results: Sequence[Outcome]) -> str:
     """Return the name of the shape, with the operation where there is one."""
+    from medialis.base.disk import Folder
     from medialis.operations.result import Result
     from medialis.show.writing import manifest_in
 
     if not source.is_dir():
         return source.resolve().name
-    manifests = (manifest_in(path) for path in (source, *sorted(source.iterdir())))
+    with Folder.at(source) as place:
+        folders = [source, *(source / name for name in place.names())]
+    manifests = map(manifest_in, folders)
     names = [str(one["input"]) for one in manifests if one and one.get("input")]
     name = names[0] if names else source.resolve().name
     first = results[0]

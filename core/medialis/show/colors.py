@@ -20,6 +20,9 @@ MISSING = (0.62, 0.62, 0.62)
 TABLE_SIZE = 1024
 PALETTE_SIZE = 48
 
+ROUNDING = 1e-9
+"""Share of the numbers themselves that rounding makes of one value."""
+
 SAME = 2e-3
 """Share of the numbers themselves: values that differ by less have one colour. A legend tells three
 digits, and a scale of five times the same number says nothing."""
@@ -198,7 +201,9 @@ def map_colors(
         # Halves, because top - bottom can overflow.
         share = (data / 2 - bottom / 2) / (top / 2 - bottom / 2)
     else:
-        away = np.where(np.isclose(data, bottom, rtol=SAME, atol=0.0), 0.0, data - bottom)
+        given = low is not None or high is not None
+        alike = np.isclose(data, bottom, rtol=ROUNDING if given else SAME, atol=0.0)
+        away = np.where(alike, 0.0, data - bottom)
         share = np.full(data.shape, 0.5) + np.sign(away)
     share = np.where(missing, 0.0, np.clip(share, 0.0, 1.0))
     colors = table[np.rint(share * (TABLE_SIZE - 1)).astype(np.int64)]

@@ -201,10 +201,10 @@ def _edited(there: Folder, manifest: Mapping[str, Any]) -> str:
 
     One that is missing is no loss; a list of them that is damaged tells nothing.
     """
-    contents = manifest.get("contents")
+    contents, here = manifest.get("contents"), set(there.names())
     for name, told in contents.items() if isinstance(contents, dict) else [(MANIFEST, None)]:
         try:
-            if there.about(name) is None:
+            if name not in here:
                 continue
             with there.open(name) as stream:
                 same = content(stream, Progress()) == told
