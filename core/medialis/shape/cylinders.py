@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Mask, next_side, unit_rows
+from medialis.base.arrays import Mask, next_side, rows_of_labels, unit_rows
 from medialis.base.validation import Directions, FloatArray, IntArray, Positions, frozen
-from medialis.shape.rulings import ALONG, SHORTER, is_part, needles
+from medialis.shape.rulings import ALONG, SHORTER, is_part, needles, only_rounded
 from medialis.shape.surface import Surface, piece_labels
 
 Rows = NDArray[np.int64]
@@ -99,6 +99,10 @@ class Cylinders:
         away = np.linalg.norm(self._away(which, places), axis=1)
         return np.asarray(self.signs[which] * (self.radii[which] - away))
 
+    def feet(self, which: NDArray[Any], places: FloatArray) -> FloatArray:
+        """Return the nearest places of cylinders (k,), (k, 3)."""
+        return places + self.heights(which, places)[:, None] * self.normals(which, places)
+
     def of_faces(self, rows: NDArray[Any]) -> Cylinders:
         """Return the same cylinders for a mesh that has pieces of some faces, (k,)."""
         return replace(self, label=frozen(self.label[rows], np.int32))
@@ -150,6 +154,8 @@ def find_cylinders(surface: Surface, planes: IntArray, crease: float) -> Cylinde
             label[rest[:end]] = which
             begin += end
     cylinders = _table(label, found)
+    if not found:  # a scan is looked at no further
+        return _with_spheres(surface, planes, cylinders, crease, near)
     no_more = _goes_on(surface, planes, cylinders, crease)
     no_more |= ~_are_sure(surface, planes, cylinders, np.array([one[4] for one in found], int))
     number = np.append(np.where(no_more, -1, np.cumsum(~no_more) - 1), -1)
@@ -172,10 +178,8 @@ def _with_spheres(
     inner = opposite & (surface.edge_bends <= crease) & rest[one] & rest[two]
     rows = np.flatnonzero(rest)
     piece = piece_labels(len(faces), np.stack([one[inner], two[inner]], axis=1))[rows]
-    order = np.argsort(piece, kind="stable")
     found: list[_Fitted] = []
-    pieces = np.split(rows[order], np.flatnonzero(np.diff(piece[order])) + 1)
-    pieces = [some for some in pieces if len(some) >= LEAST_FACES]
+    pieces = [rows[some] for some in rows_of_labels(piece) if len(some) >= LEAST_FACES]
     for some in sorted(pieces, key=lambda some: -len(some))[:MOST_TRIES]:
         points = surface.points[np.unique(faces[some])]
         origin = points.mean(axis=0)
@@ -453,11 +457,7 @@ def with_cylinders(
     if len(cylinders.radii) == 0:
         return normals
     corners = np.asarray(surface.faces)
-    free: Mask = np.asarray(normals.any(axis=1))
-    free[corners[planes >= 0]] = False
-    bent = surface.edge_table.pairs[0][surface.edge_bends > crease]
-    for side in (bent, next_side(bent)):
-        free[corners.ravel()[side]] = False
+    free = normals.any(axis=1) & only_rounded(surface, planes, crease)
     vertex: Rows = corners.ravel().astype(np.int64)
     face = np.repeat(np.arange(len(corners)), 3)
     found = corner_normals(normals, np.arange(len(normals)), face, vertex, surface, cylinders)

@@ -153,6 +153,16 @@ def find_mitres(surface: Surface, planes: IntArray) -> Mask:
     return result
 
 
+def only_rounded(surface: Surface, planes: IntArray, crease: float) -> Mask:
+    """Tell the vertices of no flat face and of no edge that bends by more than a crease, (n,)."""
+    faces, result = np.asarray(surface.faces), np.ones(surface.point_count, np.bool_)
+    result[faces[planes >= 0]] = False
+    bent = surface.edge_table.pairs[0][surface.edge_bends > crease]
+    for side in (bent, next_side(bent)):
+        result[faces.ravel()[side]] = False
+    return result
+
+
 def with_rulings(
     normals: FloatArray, surface: Surface, planes: IntArray, crease: float
 ) -> FloatArray:
@@ -170,18 +180,14 @@ def with_rulings(
     rulings, points = find_rulings(surface, planes, crease), surface.points
     if len(rulings.sides) == 0:
         return normals
-    count, faces = surface.point_count, np.asarray(surface.faces)
+    count = surface.point_count
     vertex = rulings.ends.ravel()
     step = points[rulings.ends[:, ::-1].ravel()] - points[vertex]
     long = np.linalg.norm(step, axis=1)
     order = np.lexsort((np.arange(len(vertex)), long))
     best = np.full(count, -1, np.int64)
     best[vertex[order]] = order  # the longest of each vertex
-    free = np.bincount(vertex, minlength=count) > 0
-    free[faces[planes >= 0]] = False
-    bent = surface.edge_table.pairs[0][surface.edge_bends > crease]
-    for j in (bent, next_side(bent)):
-        free[faces.ravel()[j]] = False
+    free = (np.bincount(vertex, minlength=count) > 0) & only_rounded(surface, planes, crease)
     beyond = np.zeros(count)
     for a, b in (surface.edges.T, surface.edges.T[::-1]):
         rows = np.flatnonzero(free[a])

@@ -223,15 +223,14 @@ def _within_cylinders(
     if cylinders is None or len(rows) == 0:
         return result
     which, center = cylinders.label[faces[rows]], own[rows] - radii[rows, None] * directions[rows]
-    foot = center + cylinders.heights(which, center)[:, None] * cylinders.normals(which, center)
+    foot = cylinders.feet(which, center)
     deep = np.abs(cylinders.heights(which, contact[rows]))
     inside = np.linalg.norm(foot - contact[rows], axis=1) <= 2.0 * deep + AT_EDGE * radii[rows]
     rows, which = rows[inside], which[inside]
     own, directions = own[rows], directions[rows]
     for _ in range(ROUNDS_TO_TOUCH):
         center = own - result[rows, None] * directions
-        height = cylinders.heights(which, center)
-        step = own - center - height[:, None] * cylinders.normals(which, center)
+        step = own - cylinders.feet(which, center)
         along = 2.0 * np.einsum("ka,ka->k", step, directions)
         square = np.einsum("ka,ka->k", step, step)
         deep = (along > 0) & (square < result[rows] * along)

@@ -549,8 +549,7 @@ class WallBalls:
         for j, faces in enumerate(caliper.faces):
             which = cylinders.label[faces]
             if len(which) and which.min() >= 0:
-                height = cylinders.heights(which[:1], ends[j : j + 1])
-                ends[j] += height[0] * cylinders.normals(which[:1], ends[j : j + 1])[0]
+                ends[j] = cylinders.feet(which[:1], ends[j : j + 1])[0]
         return replace(caliper, ends=ends)
 
     def _across_wall(self, caliper: Caliper) -> bool:

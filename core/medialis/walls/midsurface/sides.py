@@ -637,9 +637,7 @@ class RawSheet:
         result = flat + smooth[:, None] * bulge
         if self.rounds is not None:
             on = np.flatnonzero(self.rounds.label[row] >= 0)
-            which = self.rounds.label[row[on]]
-            height = self.rounds.heights(which, result[on])
-            result[on] += height[:, None] * self.rounds.normals(which, result[on])
+            result[on] = self.rounds.feet(self.rounds.label[row[on]], result[on])
         return result, half
 
 
