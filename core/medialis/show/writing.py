@@ -201,10 +201,10 @@ def _edited(there: Folder, manifest: Mapping[str, Any]) -> str:
 
     One that is missing is no loss; a list of them that is damaged tells nothing.
     """
-    contents, here = manifest.get("contents"), set(there.names())
+    contents = manifest.get("contents")
     for name, told in contents.items() if isinstance(contents, dict) else [(MANIFEST, None)]:
         try:
-            if name not in here:
+            if there.about(name) is None:
                 continue
             with there.open(name) as stream:
                 same = content(stream, Progress()) == told
