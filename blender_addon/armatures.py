@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import bpy
@@ -13,12 +14,12 @@ import numpy as np
 from mathutils import Matrix, Vector
 from numpy.typing import NDArray
 
-from medialis import InvalidShapeError, SkinWeights
-from medialis.hosts import Rig
+from medialis import Armature, InvalidShapeError, SkinWeights
+from medialis.hosts import Rig, write_armature_json
 
 from . import attributes
 from .changes import Changes
-from .reading import is_result
+from .reading import Source, is_result
 from .transfer import Rows
 
 MODIFIER = "Medialis armature"
@@ -102,28 +103,77 @@ def own_weights(skin: SkinWeights, rows: Rows) -> SkinWeights:
     return SkinWeights(rows.of(skin.bones, "POINT"), np.nan_to_num(weights))
 
 
+def of_user(context: bpy.types.Context, chosen: bpy.types.Object) -> bpy.types.Object | None:
+    """Return the armature that an object is to be bound to.
+
+    The active one or another selected one; else the one that moves the object; None: there is none.
+    """
+    selected = [context.active_object, *context.selected_objects]
+    moving = [one.object for one in chosen.modifiers if one.type == "ARMATURE"]
+    for candidate in (*selected, *moving, chosen.parent):
+        if candidate is not None and candidate.type == "ARMATURE":
+            return candidate
+    return None
+
+
+def hand_over(armature: bpy.types.Object, source: Source, path: str | Path) -> None:
+    """Write the bones that deform, at rest, in the axes and units of what was read.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the armature has none.
+    """
+    bones = [bone for bone in armature.data.bones if bone.use_deform]
+    if not bones:
+        raise InvalidShapeError(f"{armature.name} has no bone that deforms: turn on Deform.")
+    rows = {bone.name: row for row, bone in enumerate(bones)}
+    here = np.array(armature.matrix_world)
+    origin = np.array(source.find().matrix_world.translation)
+    ends = []
+    for end in ("head_local", "tail_local"):
+        local = np.array([getattr(bone, end) for bone in bones], np.float64)
+        ends.append(local @ here[:3, :3].T + here[:3, 3] - origin)
+    parents = []
+    for bone in bones:
+        above = bone.parent
+        while above is not None and above.name not in rows:
+            above = above.parent
+        parents.append(-1 if above is None else rows[above.name])
+    write_armature_json(path, Armature(*ends, parents, tuple(rows)), source.unit)
+
+
 def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeights) -> list[str]:
-    """Write one vertex group a bone, of its name.
+    """Write one vertex group a bone, of its name; what is in groups of these names is replaced.
 
     Vertices with the same weight are added together.
 
     Returns
     -------
     list of str
-        The names of the groups.
+        The names of the groups that are new.
     """
     vertices, columns = np.nonzero(skin.bones >= 0)
     of_bone = skin.bones[vertices, columns]
     weights = attributes.single(skin.weights[vertices, columns])
     order = np.lexsort((vertices, weights, of_bone))
     vertices, of_bone, weights = vertices[order], of_bone[order], weights[order]
-    groups = [place.vertex_groups.new(name=name) for name in names]
+    groups, added = [], []
+    everything = list(range(len(place.data.vertices)))
+    for name in names:
+        group = place.vertex_groups.get(name)
+        if group is None:
+            group = place.vertex_groups.new(name=name)
+            added.append(group.name)
+        else:
+            group.remove(everything)
+        groups.append(group)
     new = (np.diff(of_bone, prepend=-1) != 0) | (np.diff(weights, prepend=-1) != 0)
     begins = np.flatnonzero(new).tolist()
     rows, heaviness, numbers = vertices.tolist(), weights.tolist(), of_bone.tolist()
     for begin, end in zip(begins, [*begins[1:], len(rows)], strict=True):
         groups[numbers[begin]].add(rows[begin:end], heaviness[begin], "REPLACE")
-    return [group.name for group in groups]
+    return added
 
 
 def require_unbound(place: bpy.types.Object) -> None:
@@ -148,12 +198,19 @@ def _is_ours(modifier: bpy.types.Modifier) -> bool:
 
 
 @contextmanager
-def at_rest(context: bpy.types.Context, place: bpy.types.Object) -> Iterator[None]:
-    """Show what an armature of ours moves as it is without one: new bones belong there.
+def at_rest(
+    context: bpy.types.Context, place: bpy.types.Object, armature: bpy.types.Object | None = None
+) -> Iterator[None]:
+    """Show what an armature of ours, or this one, moves as it is without: bones belong there.
 
     An armature at rest would do, but changes the last digits.
     """
-    moving = [one for one in place.modifiers if _is_ours(one) and one.show_viewport]
+    moving = [
+        one
+        for one in place.modifiers
+        if one.type == "ARMATURE" and one.show_viewport
+        and (_is_ours(one) or (armature is not None and one.object == armature))
+    ]  # fmt: skip
     for modifier in moving:
         modifier.show_viewport = False
     context.view_layer.update()
@@ -199,6 +256,19 @@ def bind(place: bpy.types.Object, armature: bpy.types.Object, changes: Changes) 
     if top is before:
         _keep_parent(before, changes)
         before.parent, before.parent_type = place, "OBJECT"
+
+
+def attach(place: bpy.types.Object, armature: bpy.types.Object, changes: Changes) -> None:
+    """Let an armature of the user deform an object, as Blender's parenting does; nothing moves."""
+    if not any(one.type == "ARMATURE" and one.object == armature for one in place.modifiers):
+        modifier = place.modifiers.new(MODIFIER, "ARMATURE")
+        changes.undo_by(place.modifiers.remove, modifier)
+        place.modifiers.move(len(place.modifiers) - 1, _before_finish(place))
+        modifier.object = armature
+    if place.parent is None:
+        _keep_parent(place, changes)
+        place.parent, place.parent_type = armature, "OBJECT"
+        place.matrix_parent_inverse = armature.matrix_world.inverted()
 
 
 def _keep_parent(child: bpy.types.Object, changes: Changes) -> None:

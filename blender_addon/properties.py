@@ -76,14 +76,17 @@ OPTIONS = {
     ),
 }
 
+_BIND = {
+    "bind": BoolProperty(
+        name="Bind",
+        description="Parent the object to the armature and add an Armature modifier, so that "
+        "posing the bones deforms it",
+    ),
+}
+
 EXTRAS: dict[str, dict[str, Any]] = {
-    "armature": {
-        "bind": BoolProperty(
-            name="Bind",
-            description="Parent the object to the armature and add an Armature modifier, so that "
-            "posing the bones deforms it",
-        ),
-    },
+    "armature": _BIND,
+    "bind": _BIND,
     "view_curve_skeleton": {
         "views_by": EnumProperty(
             name="Views by",

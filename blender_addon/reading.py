@@ -94,11 +94,24 @@ def target(context: bpy.types.Context) -> bpy.types.Object | None:
     return source_of(context.active_object)
 
 
-def targets(context: bpy.types.Context) -> list[bpy.types.Object]:
+def bound_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Return the meshes that are selected with an active armature of the user, as for parenting."""
+    active = context.active_object
+    if active is None or active.type != "ARMATURE" or not active.select_get():
+        return []
+    return [one for one in context.selected_objects if one.type in TYPES and not is_result(one)]
+
+
+def targets(
+    context: bpy.types.Context, operation: Operation | None = None
+) -> list[bpy.types.Object]:
     """Return the objects to work on, the active one last: it is active afterwards, too.
 
-    Where the active object is selected, the others that are selected with it come as well.
+    Where the active object is selected, the others that are selected with it come as well. For an
+    operation that takes bones, an active armature is none of them.
     """
+    if operation is not None and takes_bones(operation) and (meshes := bound_meshes(context)):
+        return meshes
     active = target(context)
     chosen = context.active_object
     others = context.selected_objects if chosen is not None and chosen.select_get() else []
@@ -148,9 +161,16 @@ def source_of(chosen: bpy.types.Object | None) -> bpy.types.Object | None:
     return chosen
 
 
+def takes_bones(operation: Operation) -> bool:
+    """Tell whether an operation has an option for the bones of an armature."""
+    return any(parameter.bones for parameter in operation.parameters)
+
+
 def why_not(context: bpy.types.Context, operation: Operation) -> str | None:
     """Tell in one sentence why the operation cannot start now; None when it can."""
     chosen = target(context)
+    if takes_bones(operation) and (meshes := bound_meshes(context)):
+        chosen = meshes[-1]
     if chosen is None:
         return tip("Select a mesh or point cloud first: there is no active object")
     if chosen.type not in TYPES:

@@ -10,7 +10,7 @@ import bpy
 from bpy.app.translations import pgettext_iface as iface
 
 from medialis import Cancelled, MedialisError
-from medialis.hosts import Kind, Operation, picked_lines
+from medialis.hosts import Kind, Operation, Parameter, picked_lines
 
 from . import armatures, folders, jobs, properties, reading, summary, views, writing
 
@@ -40,7 +40,7 @@ class Tasks:
     """
 
     def __init__(self, context: bpy.types.Context, operation: Operation, holder: Any) -> None:
-        self._waiting = [_key(chosen) for chosen in reading.targets(context)]
+        self._waiting = [_key(chosen) for chosen in reading.targets(context, operation)]
         self._of = len(self._waiting)
         self._operation = operation
         self._parameters = properties.parameters_of(operation, holder)
@@ -50,6 +50,7 @@ class Tasks:
         self._kept: list[str] = []
         self._failed: list[tuple[str, Exception]] = []
         self.job: jobs.Job
+        self.armature: tuple[str, str | None] | None = None
 
     def begin_next(self, context: bpy.types.Context) -> bool:
         """Read the next object that can be read and begin; return whether there was one."""
@@ -68,7 +69,9 @@ class Tasks:
         source = self.job.source
         try:
             shape, result = self.job.outcome()
-            writing.add_result(context, source, shape, result, self._options, self._kept.append)
+            writing.add_result(
+                context, source, shape, result, self._options, self._kept.append, self.armature
+            )
         except FAILURES as error:
             self._failed.append((source.name, error))
             if isinstance(error, Cancelled):
@@ -96,8 +99,14 @@ class Tasks:
         chosen = bpy.data.objects.get(key)
         if chosen is None:
             raise MedialisError(f"{key[0]} was deleted or renamed meanwhile: it was left out.")
-        with armatures.at_rest(context, chosen) if self._options.bind else nullcontext():
+        takes = next((p for p in self._operation.parameters if p.bones), None)
+        armature = None
+        if takes is not None and not self._parameters[takes.name]:
+            armature = armatures.of_user(context, chosen)
+        at_rest = self._options.bind or armature is not None
+        with armatures.at_rest(context, chosen, armature) if at_rest else nullcontext():
             source = reading.read_object(context, chosen)
+        self.armature = None if armature is None else _key(armature)
         if self._options.bind and source.on_data:
             armatures.require_unbound(chosen)
         number = self._of - len(self._waiting)
@@ -108,10 +117,18 @@ class Tasks:
         return jobs.Job(
             source,
             self._operation.name,
-            {**self._parameters, **self._picked(chosen, source)},
+            {**self._parameters, **self._picked(chosen, source), **self._bones(takes, source)},
             label,
             gpu_views=self._gpu_views,
         )
+
+    def _bones(self, takes: Parameter | None, source: reading.Source) -> dict[str, str]:
+        """Return the option that takes bones: a file of those of the user's armature."""
+        if takes is None or self.armature is None:
+            return {}
+        path = folders.exchange() / "medialis-bones.json"
+        armatures.hand_over(bpy.data.objects[self.armature], source, path)
+        return {takes.name: str(path)}
 
     def _picked(self, chosen: bpy.types.Object, source: reading.Source) -> dict[str, str]:
         """Return the first option that lists vertices, if none is given: a file of those selected.

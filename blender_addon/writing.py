@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis import InvalidShapeError, Result, Shape
+from medialis import Bones, InvalidShapeError, Result, Shape
 from medialis.hosts import Rig, legend_of, numbers_of, rig_of, title
 
 from . import armatures, fields, layers, legends, looks, overlay, own, placing, removing, summary
@@ -72,6 +72,7 @@ def add_result(
     result: Result,
     options: Options,
     tell: Callable[[str], object] | None = None,
+    armature: tuple[str, str | None] | None = None,
 ) -> list[bpy.types.Object]:
     """Add a result to the scene of its source, in the place of an earlier one of its operation.
 
@@ -83,6 +84,8 @@ def add_result(
         What was read, and the shape of the core made from it.
     tell : callable, optional
         Called with sentences that say what of the user's stays.
+    armature : tuple, optional
+        Name and library of the armature of the user that the result has bound the source to.
 
     Returns
     -------
@@ -109,7 +112,9 @@ def add_result(
         made, colors = _make(run, plans, place)
         carriers = list(dict.fromkeys(made.values()))
         if run.rig is not None and run.rig.weights is not None:
-            _add_skin(run, made, place)
+            _add_skin(
+                run, made, place, None if armature is None else bpy.data.objects.get(armature)
+            )
         record.images = _add_images(result, chosen.name, changes)
         extra = _add_signs(run, plans)
         record.hides = _hide_covered(run, plans, place)
@@ -142,7 +147,7 @@ def _prepare(run: _Run, plans: Sequence[layers.Plan | fields.FieldPlan]) -> fiel
     if replaced and earlier is not None:
         run.told += removing.take_fields(chosen, earlier)
         changes.keep_by(removing.take_images, earlier)
-    if place is not None and run.rig is not None:
+    if place is not None and run.rig is not None and isinstance(run.rig.bones, Bones):
         taken = [group.name for group in place.object.vertex_groups]
         run.rig = armatures.free_names(run.rig, taken)
     return place
@@ -220,7 +225,12 @@ def _make(
     return made, colors
 
 
-def _add_skin(run: _Run, made: dict[str, bpy.types.Object], place: fields.Place | None) -> None:
+def _add_skin(
+    run: _Run,
+    made: dict[str, bpy.types.Object],
+    place: fields.Place | None,
+    armature: bpy.types.Object | None,
+) -> None:
     """Write the weights on what carries the layer of the skin; bind that where it is asked for."""
     rig = run.rig
     assert rig is not None and place is not None
@@ -228,7 +238,9 @@ def _add_skin(run: _Run, made: dict[str, bpy.types.Object], place: fields.Place 
     names = armatures.write_weights(place.object, rig.bones.names, weights)
     if place.object == run.chosen:
         run.record.groups |= {key: [] for key in names}
-    if run.options.bind:
+    if armature is not None:
+        armatures.attach(place.object, armature, run.changes)
+    elif run.options.bind:
         armatures.require_unbound(place.object)
         armatures.bind(place.object, made[rig.layer.name], run.changes)
 

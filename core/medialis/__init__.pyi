@@ -80,6 +80,9 @@ from medialis.operations.registry import operation as operation
 from medialis.operations.result import FilterUnit as FilterUnit
 from medialis.operations.result import Layer as Layer
 from medialis.operations.result import Outcome as Outcome
+from medialis.rigging.armature import Armature as Armature
+from medialis.rigging.armature import read_armature as read_armature
+from medialis.rigging.binding import bind_weights as bind_weights
 from medialis.rigging.bones import Bones as Bones
 from medialis.rigging.bones import SkinWeights as SkinWeights
 from medialis.rigging.bones import bones as bones

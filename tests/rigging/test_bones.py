@@ -8,7 +8,7 @@ import pytest
 import medialis
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging import bones as rigging
-from medialis.rigging.bones import _laplacian
+from medialis.rigging.bones import stiffness
 from tubes import circle, segment, tube
 
 
@@ -239,7 +239,7 @@ def test_smoothing_solves_the_diffusion_equation():
             mass[o] += area / 6
     weights = np.maximum(weights, 0)
     expected = np.diag(weights.sum(axis=1)) - weights
-    found, areas = _laplacian(shape)
+    found, areas = stiffness(shape)
     assert np.allclose(found.toarray(), expected, atol=1e-9) and np.allclose(areas, mass)
     x = points[:, 0]
     curve = line(np.linspace(x.min(), x.max(), 2))

@@ -365,6 +365,8 @@ class Parameter:
         "each" (one a line), or nothing.
     layer : str
         Layer of the result that hosts may write into a FILE as their user has edited it.
+    bones : bool
+        Hosts may write the bones of an armature of their user into a FILE.
     """
 
     name: str
@@ -379,6 +381,7 @@ class Parameter:
     advanced: bool = False
     selection: str = ""
     layer: str = ""
+    bones: bool = False
 
     @property
     def full_help(self) -> str:

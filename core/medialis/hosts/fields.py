@@ -20,6 +20,7 @@ from medialis.base.options import Kind, Parameter
 from medialis.base.validation import FloatArray
 from medialis.operations.declaration import Operation
 from medialis.operations.result import Layer, Levels, Outcome
+from medialis.rigging.armature import Armature
 from medialis.rigging.bones import Bones, SkinWeights
 from medialis.rigging.naming import roll_axes
 from medialis.shape.shape import Shape, missing_value
@@ -123,9 +124,11 @@ class Rig:
 
     Attributes
     ----------
-    bones : Bones
+    bones : Bones or Armature
+        An `Armature` is the user's, and in the host already.
     rolls : (b, 3) float64
-        Z axis of each bone, at right angles to it: it bends about its x axis.
+        Z axis of each bone, at right angles to it: it bends about its x axis. Empty for an armature
+        of the user.
     layer : Layer or None
         The layer that shows the bones, in whose place hosts add an armature.
     skin_layer : Layer or None
@@ -134,7 +137,7 @@ class Rig:
         On the vertices of the input; those that repair dropped have no bone.
     """
 
-    bones: Bones
+    bones: Bones | Armature
     rolls: FloatArray
     layer: Layer | None
     skin_layer: Layer | None
@@ -160,7 +163,8 @@ def rig_of(result: Outcome, shape: Shape) -> Rig | None:
             shape.on_input_points(skin.bones, -1),
             shape.on_input_points(skin.weights, 0.0),
         )
-    return Rig(bones, roll_axes(bones), by_role.get("bones"), by_role.get("skin"), weights)
+    rolls = roll_axes(bones) if isinstance(bones, Bones) else np.empty((0, 3))
+    return Rig(bones, rolls, by_role.get("bones"), by_role.get("skin"), weights)
 
 
 def unpacked_levels(data: bytes) -> Levels:

@@ -22,6 +22,7 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, Measures, Positions, frozen, hold
 from medialis.curves.curve_skeleton import CurveSkeleton
+from medialis.rigging.armature import Armature
 from medialis.rigging.limbs import (
     Limb,
     find_limbs,
@@ -163,12 +164,12 @@ class SkinWeights(Bound):
 
     Attributes
     ----------
-    bones : (n, 4) int32
-        By falling weight; -1: none.
-    weights : (n, 4) float64
+    bones : (n, k) int32
+        By falling weight; -1: none. k is 4, or what was asked for.
+    weights : (n, k) float64
         They sum to 1; 0 where there is no bone.
-    rig : Bones or None
-        The bones; the vertices are the first n points of ``rig.curve.surface``.
+    rig : Bones, Armature or None
+        The bones; of `Bones` the vertices are the first n points of ``rig.curve.surface``.
 
     Raises
     ------
@@ -178,14 +179,14 @@ class SkinWeights(Bound):
 
     bones: IntArray
     weights: Measures
-    rig: Bones | None = field(default=None, kw_only=True)
+    rig: Bones | Armature | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        wanted = (len(self.bones), MOST_BONES)
-        if np.shape(self.bones) != wanted or np.shape(self.weights) != wanted:
+        wanted = np.shape(self.bones)
+        if len(wanted) != 2 or wanted[1] == 0 or np.shape(self.weights) != wanted:
             raise InvalidShapeError(
-                f"bones and weights must both have shape (n, {MOST_BONES}), got "
-                f"{np.shape(self.bones)} and {np.shape(self.weights)}."
+                "bones and weights must both have shape (n, k), with one column or more, got "
+                f"{wanted} and {np.shape(self.weights)}."
             )
         hold(self, bones=wanted, weights=wanted)
 
@@ -483,7 +484,7 @@ def _skin(rig: Bones, surface: Surface, smoothing: float) -> SkinWeights:
     skin = _weights(*_project(surface.points, node, rig), rig)
     if smoothing == 0 or surface.faces is None or rig.count == 1:
         return skin
-    return _smoothed(skin, surface, smoothing * rig.curve.radii[node])
+    return smoothed_weights(skin, surface, smoothing * rig.curve.radii[node])
 
 
 def _nodes_everywhere(points: FloatArray, curve: CurveSkeleton) -> IntArray:
@@ -565,8 +566,10 @@ def _passed(distance: FloatArray, there: FloatArray, here: FloatArray) -> FloatA
     return np.clip(ramp, 0.0, 1.0)
 
 
-def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWeights:
-    """Diffuse the weights over the surface, each vertex over its own width.
+def smoothed_weights(
+    skin: SkinWeights, surface: Surface, width: FloatArray, most: int = MOST_BONES
+) -> SkinWeights:
+    """Diffuse the weights over the surface, each vertex over its own width; keep the largest.
 
     Solves (M / width^2 + L) W = M / width^2 W0. L has no positive entry beside its diagonal and
     rows that sum to zero, so weights stay within 0 and 1 and keep their sum.
@@ -574,7 +577,7 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
     from scipy.sparse import csc_array, csr_array, diags_array
     from scipy.sparse.linalg import splu
 
-    stiff, mass = _laplacian(surface)
+    stiff, mass = stiffness(surface)
     pull = mass / np.maximum(width, 1e-6 * surface.diagonal) ** 2
     # Sorted by component the matrix has a block for each: a bone of one moves nothing of another.
     order = dissected(surface.points, surface.edges)
@@ -586,8 +589,9 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
         (skin.weights[used], (np.nonzero(used)[0], skin.bones[used])),
         shape=(len(width), int(skin.bones.max()) + 1),
     )
-    bones = np.full((len(width), MOST_BONES), -1, np.int32)
-    weights = np.zeros((len(width), MOST_BONES))
+    bones = np.full((len(width), most), -1, np.int32)
+    weights = np.zeros((len(width), most))
+    room = ((0, 0), (0, max(most - skin.bones.shape[1], 0)))
     for begin, end in zip([0, *ends[:-1]], ends, strict=True):
         rows = order[begin:end]
         try:
@@ -607,7 +611,8 @@ def _smoothed(skin: SkinWeights, surface: Surface, width: FloatArray) -> SkinWei
         bones[rows], weights[rows] = own_bones, own_weights
     total = weights.sum(axis=1, keepdims=True)
     lost = ~(total[:, 0] > 0.0)  # bodies far smaller than the whole: nothing of theirs is left
-    bones[lost], weights[lost], total[lost] = skin.bones[lost], skin.weights[lost], 1.0
+    bones[lost] = np.pad(skin.bones[lost], room, constant_values=-1)[:, :most]
+    weights[lost], total[lost] = np.pad(skin.weights[lost], room)[:, :most], 1.0
     return replace(skin, bones=bones, weights=weights / total)
 
 
@@ -620,7 +625,7 @@ def _insert(bones: IntArray, weights: FloatArray, bone: int, values: FloatArray)
     weights[rows] = np.take_along_axis(weights[rows], order, axis=1)
 
 
-def _laplacian(surface: Surface) -> tuple[Any, FloatArray]:
+def stiffness(surface: Surface) -> tuple[Any, FloatArray]:
     """Return the cotangent Laplacian, its negative weights set to zero, and the vertex areas."""
     from scipy.sparse import diags_array
 

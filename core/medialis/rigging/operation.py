@@ -26,6 +26,7 @@ from medialis.formats.gltf import TRIANGLES, VERTICES, Buffer, middle_of
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, place, places
 from medialis.operations.result import Layer, Outcome, Result
+from medialis.rigging.armature import Armature
 from medialis.rigging.bones import (
     Bones,
     BonesOptions,
@@ -89,7 +90,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         progress.note(text, "root_bones", roots=len(rig.roots))
     return Outcome(
         shape=curve.surface or shape,
-        layers=(_bones_layer(rig), _skin_layer(shape, skin)),
+        layers=(bones_layer(rig), _skin_layer(shape, skin)),
         values={
             "bones": rig.count,
             "limbs": int(rig.limbs.max()) + 1,
@@ -112,23 +113,19 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     )
 
 
-def _bones_layer(rig: Bones) -> Layer:
+def bones_layer(rig: Bones | Armature) -> Layer:
     """Layer of one edge a bone."""
     rows = np.arange(2 * rig.count, dtype=np.int32).reshape(-1, 2)
-    return Layer(
-        "armature",
-        np.stack([rig.heads, rig.tails], axis=1).reshape(-1, 3),
-        edges=rows,
-        attributes={
-            "radius": np.stack([rig.head_radii, rig.tail_radii], axis=1).ravel(),
-            "bone": np.repeat(np.arange(rig.count, dtype=np.int32), 2),
-            "parent": np.repeat(rig.parents, 2),
-            "limb": np.repeat(rig.limbs, 2),
-            "side": np.repeat(rig.sides, 2),
-        },
-        role="bones",
-        **BY_BONE,
-    )
+    attributes: dict[str, Any] = {
+        "bone": np.repeat(np.arange(rig.count, dtype=np.int32), 2),
+        "parent": np.repeat(rig.parents, 2),
+    }
+    if isinstance(rig, Bones):
+        radii = np.stack([rig.head_radii, rig.tail_radii], axis=1).ravel()
+        sides = {"limb": np.repeat(rig.limbs, 2), "side": np.repeat(rig.sides, 2)}
+        attributes = {"radius": radii, **attributes, **sides}
+    ends = np.stack([rig.heads, rig.tails], axis=1).reshape(-1, 3)
+    return Layer("armature", ends, edges=rows, attributes=attributes, role="bones", **BY_BONE)
 
 
 def _skin_layer(shape: Shape, skin: SkinWeights) -> Layer:
@@ -189,13 +186,14 @@ def write_rigged_gltf(
     frames[:, :3, 3] = scale * (frames[:, :3, 3] - middle)
     points = (scale * (surface.points - middle)).astype(np.float32)
     store = Buffer()
-    joints, weights = _influences(skin)
     attributes = {
         "POSITION": store.add(points, VERTICES, limits=True),
         "NORMAL": store.add(_directions(normals), VERTICES),
-        "JOINTS_0": store.add(joints, VERTICES),
-        "WEIGHTS_0": store.add(weights, VERTICES),
     }
+    joints, weights = _influences(skin)
+    for number, first in enumerate(range(0, joints.shape[1], 4)):
+        attributes[f"JOINTS_{number}"] = store.add(joints[:, first : first + 4], VERTICES)
+        attributes[f"WEIGHTS_{number}"] = store.add(weights[:, first : first + 4], VERTICES)
     indices = store.add(surface.faces.astype(np.uint32).ravel(), TRIANGLES)
     inverse = np.linalg.inv(frames).transpose(0, 2, 1).astype(np.float32)  # columns come first
     inverse[:, :, 3] = [0, 0, 0, 1]
@@ -215,7 +213,7 @@ def write_rigged_gltf(
     })  # fmt: skip
 
 
-def bone_frames(rig: Bones) -> FloatArray:
+def bone_frames(rig: Bones | Armature) -> FloatArray:
     """Return the place of each bone: its head, and axes of which y runs along it, (b, 4, 4)."""
     y = unit_rows(rig.tails - rig.heads, instead=[0.0, 1.0, 0.0])
     # The axis that is farthest from the bone makes the turn round it definite.
@@ -227,7 +225,9 @@ def bone_frames(rig: Bones) -> FloatArray:
     return frames
 
 
-def _nodes(rig: Bones, frames: FloatArray, scale: float) -> tuple[list[dict[str, Any]], list[int]]:
+def _nodes(
+    rig: Bones | Armature, frames: FloatArray, scale: float
+) -> tuple[list[dict[str, Any]], list[int]]:
     """Return the node of each bone, then one at each end, and the numbers of the roots."""
     own = [np.eye(4) if parent < 0 else frames[parent] for parent in rig.parents.tolist()]
     local = np.linalg.inv(np.array(own)) @ frames
@@ -261,11 +261,13 @@ def _quaternion(turn: FloatArray) -> list[float]:
 
 
 def _influences(skin: SkinWeights) -> tuple[NDArray[Any], NDArray[np.float32]]:
-    """Return joints and weights as glTF wants them: sums of 1, joint 0 where there is none."""
-    weights = np.where(skin.bones >= 0, skin.weights, 0.0)
+    """Return joints and weights as glTF wants them: in fours, sums of 1, joint 0 for none."""
+    room = ((0, 0), (0, -skin.bones.shape[1] % 4))
+    bones = np.pad(skin.bones, room, constant_values=-1)
+    weights = np.where(bones >= 0, np.pad(skin.weights, room), 0.0)
     weights[weights.sum(axis=1) <= 0.0, 0] = 1.0
     weights /= weights.sum(axis=1, keepdims=True)
-    joints = np.where(weights > 0, skin.bones, 0).clip(min=0)
+    joints = np.where(weights > 0, bones, 0).clip(min=0)
     kind = np.uint8 if joints.max(initial=0) < 256 else np.uint16
     return joints.astype(kind), weights.astype(np.float32)
 

@@ -207,6 +207,17 @@ def run(
 ) -> Result: ...
 @overload
 def run(
+    name: Literal["bind"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    armature: str = "",
+    bones_per_vertex: int = 4,
+    softness: float = 1.0,
+) -> Result: ...
+@overload
+def run(
     name: Literal["point_types"],
     shape: ShapeLike,
     *,

@@ -1,0 +1,318 @@
+"""Kernels of the ways inside a body: where a grid is crossed by a mesh, and the nearest bones.
+
+A grid has `size` cells along each axis; cell (x, y, z) is the one of row
+(x * size[1] + y) * size[2] + z. Lengths are in cells, and the center of a cell stands at (x, y, z).
+
+1. Crossings: a ray along an axis through the centers of a column crosses triangles. Each one turns
+   the count of entries from there on, and parts two neighbours.
+2. Nearest bones: Dijkstra's search from all bones at once, which leaves the few cheapest of them at
+   each cell. A step goes to one of 26 neighbours; it costs its length inside the body, more
+   outside, and much more where a face parts the two.
+3. Smoothing within the bones that each vertex has: no bone comes, none goes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base._kernels import pop, push
+from medialis.base.jit import kernel
+
+
+class Grid(NamedTuple):
+    """Which cells are inside, and which neighbours a face parts.
+
+    Attributes
+    ----------
+    size : (3,) int64
+    inside : (cells,) bool
+    parted : (cells,) uint8
+        Bit a: a face lies between this cell and the next one along axis a.
+    clear : (cells,) bool
+        No face lies between any two of a cell and its 26 neighbours.
+    passed : (cells,) bool
+        Cells that ways lead through: those inside, and those near the surface.
+    wanted : (cells,) bool
+        Cells whose bones are asked for.
+    """
+
+    size: NDArray[np.int64]
+    inside: NDArray[np.bool_]
+    parted: NDArray[np.uint8]
+    clear: NDArray[np.bool_]
+    passed: NDArray[np.bool_]
+    wanted: NDArray[np.bool_]
+
+
+class Ways(NamedTuple):
+    """The cheapest bones at each cell, k of them; in rows that lead from nowhere the bone is -1.
+
+    Attributes
+    ----------
+    bones : (cells, k) int32
+    costs : (cells, k) float64
+    lengths : (cells, k) float64
+        The part of the costs that is no fee for crossing faces.
+    done : (cells, k) bool
+    """
+
+    bones: NDArray[np.int32]
+    costs: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    done: NDArray[np.bool_]
+
+
+class Fares(NamedTuple):
+    """What steps cost, and where the search ends.
+
+    Attributes
+    ----------
+    outside : float
+        Times its length that a step outside costs.
+    fee : float
+        What a face costs.
+    further : float
+        How far past the last wanted cell the search goes on, as a share of the way there.
+    """
+
+    outside: float
+    fee: float
+    further: float
+
+
+@kernel
+def _side_of(ax, ay, bx, by, x, y):
+    """Return on which side of a line a place lies; the line back has the same with other sign."""
+    if ax < bx or (ax == bx and ay < by):
+        return (bx - ax) * (y - ay) - (by - ay) * (x - ax)
+    return -((ax - bx) * (y - by) - (ay - by) * (x - bx))
+
+
+@kernel
+def mark_crossings(points, faces, axis, size, entries, parted):
+    """Count entries, and mark parted neighbours, along one axis.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+        In cells.
+    faces : (m, 3) int32
+    axis : int
+    size : (3,) int64
+    entries : (cells,) int16
+        Changed at the first center beyond each crossing: +1 where a ray enters the body.
+    parted : (cells,) uint8
+        Bit `axis` is set.
+    """
+    one, two = (axis + 1) % 3, (axis + 2) % 3
+    strides = np.array([size[1] * size[2], size[2], 1], np.int64)
+    for face in range(len(faces)):
+        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        ax, ay, az = points[a, one], points[a, two], points[a, axis]
+        bx, by, bz = points[b, one], points[b, two], points[b, axis]
+        cx, cy, cz = points[c, one], points[c, two], points[c, axis]
+        for x in range(
+            max(0, math.ceil(min(ax, bx, cx))), min(size[one] - 1, math.floor(max(ax, bx, cx))) + 1
+        ):
+            for y in range(
+                max(0, math.ceil(min(ay, by, cy))),
+                min(size[two] - 1, math.floor(max(ay, by, cy))) + 1,
+            ):
+                u = _side_of(bx, by, cx, cy, x, y)
+                v = _side_of(cx, cy, ax, ay, x, y)
+                w = _side_of(ax, ay, bx, by, x, y)
+                total = u + v + w
+                if total == 0.0 or not (
+                    (u >= 0 and v >= 0 and w >= 0) or (u <= 0 and v <= 0 and w <= 0)
+                ):
+                    continue
+                height = (u * az + v * bz + w * cz) / total
+                beyond = min(max(math.ceil(height), 0), size[axis])
+                cell = x * strides[one] + y * strides[two] + beyond * strides[axis]
+                if beyond < size[axis]:
+                    entries[cell] += -1 if total > 0 else 1
+                if 0 < beyond < size[axis]:
+                    parted[cell - strides[axis]] |= np.uint8(1 << axis)
+
+
+@kernel
+def _parted_between(parted, cell, axis, step, stride):
+    """Tell whether a face lies between a cell and its neighbour along an axis."""
+    first = cell if step > 0 else cell - stride
+    return (parted[first] >> axis) & 1 == 1
+
+
+@kernel
+def _is_open(parted, cell, step, strides):
+    """Tell whether one of the ways along axes to a neighbour crosses no face; `step` is -1 to 1."""
+    for first in range(3):
+        for second in range(3):
+            if second == first:
+                continue
+            at, crossed = cell, False
+            for axis in (first, second, 3 - first - second):
+                if step[axis] != 0:
+                    if _parted_between(parted, at, axis, step[axis], strides[axis]):
+                        crossed = True
+                        break
+                    at += step[axis] * strides[axis]
+            if not crossed:
+                return True
+    return False
+
+
+@kernel
+def enter(ways, cell, bone, cost, length):
+    """Keep a bone at a cell if it is among the cheapest; return its column, -1 where it is not."""
+    worst, column = -1.0, -1
+    for k in range(ways.bones.shape[1]):
+        if ways.bones[cell, k] == bone:
+            if ways.done[cell, k] or ways.costs[cell, k] <= cost:
+                return -1
+            worst, column = math.inf, k
+            break
+        if ways.costs[cell, k] > worst and not ways.done[cell, k]:
+            worst, column = ways.costs[cell, k], k
+    if column < 0 or worst <= cost:
+        return -1
+    ways.bones[cell, column] = bone
+    ways.costs[cell, column], ways.lengths[cell, column] = cost, length
+    return column
+
+
+@kernel
+def nearest_bones(grid, fares, ways, seeds, keys, names):
+    """Search the cheapest bones of the wanted cells, and of all that lie nearer.
+
+    Parameters
+    ----------
+    grid : Grid
+    fares : Fares
+    ways : Ways
+        Filled; empty rows have bone -1 and an infinite cost.
+    seeds : (s, 3) float64
+        Cell, bone and cost where the search begins.
+    keys, names : (q,) float64, (q,) int64
+        Room for the heap.
+
+    Returns
+    -------
+    int
+        0, or 1 where the heap is too small.
+    """
+    width = ways.bones.shape[1]
+    strides = np.array([grid.size[1] * grid.size[2], grid.size[2], 1], np.int64)
+    step = np.zeros(3, np.int64)
+    at = np.zeros(3, np.int64)
+    size, left = 0, 0
+    for cell in range(len(grid.wanted)):
+        left += grid.wanted[cell]
+    for row in range(len(seeds)):
+        cell = int(seeds[row, 0])
+        column = enter(ways, cell, int(seeds[row, 1]), seeds[row, 2], seeds[row, 2])
+        if column >= 0:
+            if size == len(keys):
+                return 1
+            size = push(keys, names, size, seeds[row, 2], cell * width + column)
+    limit = math.inf
+    while size > 0:
+        size = pop(keys, names, size)
+        cost, name = keys[size], names[size]
+        if cost > limit:
+            break
+        cell, column = name // width, name % width
+        if ways.done[cell, column] or ways.costs[cell, column] != cost:
+            continue
+        first = True
+        for k in range(width):
+            first = first and not ways.done[cell, k]
+        ways.done[cell, column] = True
+        if first and grid.wanted[cell]:
+            left -= 1
+            if left == 0:
+                limit = cost + fares.further * ways.lengths[cell, column]
+        bone, length = ways.bones[cell, column], ways.lengths[cell, column]
+        at[0], at[1], at[2] = (
+            cell // strides[0],
+            cell // strides[1] % grid.size[1],
+            cell % strides[1],
+        )
+        for code in range(27):
+            step[0], step[1], step[2] = code // 9 - 1, code // 3 % 3 - 1, code % 3 - 1
+            squared = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
+            valid = squared > 0
+            for axis in range(3):
+                there = at[axis] + step[axis]
+                valid = valid and 0 <= there < grid.size[axis]
+            if not valid:
+                continue
+            other = cell + step[0] * strides[0] + step[1] * strides[1] + step[2] * strides[2]
+            if not grid.passed[other]:
+                continue
+            way = math.sqrt(squared)
+            if not (grid.inside[cell] and grid.inside[other]):
+                way *= fares.outside
+            further = cost + way
+            if not grid.clear[cell] and not _is_open(grid.parted, cell, step, strides):
+                further += fares.fee
+            kept = enter(ways, other, bone, further, length + way)
+            if kept >= 0:
+                if size == len(keys):
+                    return 1
+                size = push(keys, names, size, further, other * width + kept)
+    return 0
+
+
+class Couplings(NamedTuple):
+    """How the weights of vertices pull at each other.
+
+    Attributes
+    ----------
+    starts : (n + 1,) int32
+    others : (e,) int32
+        Neighbours of vertex v: ``others[starts[v]:starts[v + 1]]``.
+    strengths : (e,) float64
+    pulls : (n,) float64
+        How hard a vertex is drawn to the weights that it had before.
+    """
+
+    starts: NDArray[np.int32]
+    others: NDArray[np.int32]
+    strengths: NDArray[np.float64]
+    pulls: NDArray[np.float64]
+
+
+@kernel
+def smooth_within(couplings, bones, before, weights, moved):
+    """Take each vertex once to the mean of its neighbours and of what it had before.
+
+    Parameters
+    ----------
+    couplings : Couplings
+    bones : (n, k) int32
+        -1: none.
+    before, weights : (n, k) float64
+    moved : (n, k) float64
+        Filled; rows sum to 1.
+    """
+    k = bones.shape[1]
+    for v in range(len(bones)):
+        total = 0.0
+        for column in range(k):
+            bone, value = bones[v, column], 0.0
+            if bone >= 0:
+                value = couplings.pulls[v] * before[v, column]
+                for row in range(couplings.starts[v], couplings.starts[v + 1]):
+                    other = couplings.others[row]
+                    for there in range(k):
+                        if bones[other, there] == bone:
+                            value += couplings.strengths[row] * weights[other, there]
+                            break
+            moved[v, column] = value
+            total += value
+        for column in range(k):
+            moved[v, column] = moved[v, column] / total if total > 0.0 else weights[v, column]

@@ -1,0 +1,424 @@
+"""Weights with which the bones of any armature move any mesh, by the ways inside the body.
+
+Steps: a grid over the mesh and the bones (`_grid`), whose cells are inside by six rays each, so
+that holes, pieces and inner faces do no harm; the cheapest bones of each cell, by ways that stay
+inside (`_way_kernels.py`); the nearest bones of each vertex, by the cells behind it (`_nearest`);
+weights smoothed along the surface over the distance to the bone, and the same for a whole piece
+that is smaller than that distance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from medialis.base.arrays import Index, Mask, kd_tree
+from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.options import Options, algorithm, number, whole
+from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently
+from medialis.base.validation import FloatArray, IntArray
+from medialis.rigging.armature import Armature
+from medialis.rigging.bones import MOST_BONES, Bones, SkinWeights, smoothed_weights, stiffness
+from medialis.shape.reading import as_shape
+from medialis.shape.shape import Shape
+
+if TYPE_CHECKING:
+    from medialis.rigging._way_kernels import Grid, Ways
+
+CELLS, INSIDE = 1_000_000, 150_000
+"""Cells of the grid, and of those inside, at most, about: a figure of 1.8 m with spread arms has
+cells of 11 mm."""
+
+MARGIN = 2
+"""Cells around the mesh and the bones."""
+
+SHIFT = (0.3819660, 0.4142136, 0.2679492)
+"""Where the grid begins, in cells: centers do not fall on the planes that modelled meshes have."""
+
+KEPT = 3
+"""Bones that are looked at for each vertex."""
+
+OUTSIDE = 4.0
+"""Times its length that a way outside the body costs."""
+
+BAND = 2
+"""Cells from the surface that ways lead through outside; what lies farther off follows others."""
+
+FEE = 4.0
+"""Diagonals of the grid that a face between two cells costs: more than any way."""
+
+FURTHER = 0.25
+"""Share past the last wanted cell to which the search goes on, for the second bone of each."""
+
+DETOUR = 1.13
+"""Times the straight distance that a straight way along 26 neighbours measures at most."""
+
+NEARLY = 0.01
+"""Share of the distance within which two bones are equally near."""
+
+PASSES = 20
+"""Times that weights are smoothed once bones were left out."""
+
+LARGEST_LIMIT = 8
+"""Bones that may move one vertex."""
+
+INSIDE_VOTES = 4
+"""Of six rays that say inside; a hole spoils one of them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weighing(Options):
+    """How weights are shared and smoothed."""
+
+    bones_per_vertex: int = whole(
+        MOST_BONES, "Bones per vertex", "At most this many bones move a vertex.", low=1,
+        high=LARGEST_LIMIT,
+    )  # fmt: skip
+    softness: float = number(
+        1.0,
+        "Softness",
+        "Weights are smoothed along the surface over this times the distance to the bone. 0 is "
+        "stiff.",
+        high=4.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BindOptions(Weighing):
+    """Options of `bind_weights`."""
+
+    armature: Armature | Bones
+
+
+@algorithm(BindOptions, door=as_shape)
+def bind_weights(shape: Shape, options: BindOptions, progress: Progress) -> SkinWeights:
+    """Compute the weights with which the bones of an armature move a mesh.
+
+    The nearest bone of a vertex is the one with the shortest way inside the body, so a hand on the
+    hip does not move it. A way may leave the body, or pass a face, but pays for it: so no vertex is
+    without a bone, however broken the mesh is. Weights are smoothed along the surface. A piece of
+    the mesh that is smaller than its distance to the bone moves as a whole.
+
+    Parameters
+    ----------
+    shape : Shape, path, (vertices, faces), or mesh of another library
+        A mesh of n vertices. It may have holes, several pieces, inner faces, and no inside at all.
+    armature : Armature or Bones
+        In the place and size of the shape.
+
+    Returns
+    -------
+    SkinWeights
+        Every vertex has one to four bones, and weights that sum to 1.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the shape has no faces, or no bone comes near it.
+
+    See Also
+    --------
+    skin_weights : of bones along the curve skeleton of the shape.
+
+    Notes
+    -----
+    Distances in voxels as Dionne and de Lasa (2013) take them, smoothed as the heat weights of
+    Baran and Popovic (2007). Cost: a grid of a million cells, and one sparse factorization. Source:
+    none; the thesis has no rigging.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> shape = medialis.organic_shape(56)
+    >>> low, high = (float(end[2]) for end in shape.bounds)
+    >>> heads, tails = [[0, 0, low], [0, 0, 0]], [[0, 0, 0], [0, 0, high]]
+    >>> spine = medialis.Armature(heads, tails, [-1, 0])
+    >>> skin = medialis.bind_weights(shape, armature=spine)
+    >>> round(float(skin.weights.sum(axis=1).min()), 12), int(skin.bones[:, 0].max())
+    (1.0, 1)
+    """
+    armature = options.armature
+    if not isinstance(armature, Armature | Bones):
+        raise InvalidOptionError(
+            f"armature must be an Armature or Bones, got {type(armature).__name__}."
+        )
+    if shape.faces is None:
+        raise InvalidShapeError(
+            f"Binding needs a mesh, got {shape.point_count:,} points without faces: reconstruct a "
+            "surface first."
+        )
+    _require_near(shape, armature)
+    return run_patiently(lambda: _bound(shape, armature, options), progress)
+
+
+def _require_near(shape: Shape, armature: Armature | Bones) -> None:
+    """Refuse an armature that lies beside the shape."""
+    low, high = shape.bounds
+    margin = 0.5 * shape.diagonal
+    joints = np.stack([armature.heads, armature.tails], axis=1)
+    away = np.maximum(joints.min(axis=1) - high, low - joints.max(axis=1)).max(axis=1)
+    if (away > margin).all():
+        raise InvalidShapeError(
+            f"No bone lies at the shape: the nearest of {armature.count} is {away.min():.4g} away, "
+            f"and the shape is {shape.diagonal:.4g} large. Give an armature of the same place, "
+            "size and axes."
+        )
+
+
+def _bound(shape: Shape, armature: Armature | Bones, options: Weighing) -> SkinWeights:
+    skin, far = _nearest(shape, armature)
+    most = options.bones_per_vertex
+    if options.softness > 0 and armature.count > 1:
+        width = options.softness * far
+        smooth = _limited(smoothed_weights(skin, shape, width, most + 1), most)
+        skin = _smoothed_within(smooth, skin, shape, width)
+    return _whole_pieces(_limited(skin, most), shape, far)
+
+
+def _limited(skin: SkinWeights, most: int) -> SkinWeights:
+    """Keep the heaviest bones of each vertex, less what the next one weighs: so none jumps."""
+    if skin.bones.shape[1] <= most:
+        return skin
+    weights = skin.weights[:, :most] - skin.weights[:, most, None]
+    weights[weights[:, 0] <= 0, 0] = 1.0
+    bones = np.where(weights > 0, skin.bones[:, :most], -1)
+    return SkinWeights(bones, weights / weights.sum(axis=1, keepdims=True))
+
+
+def _smoothed_within(
+    skin: SkinWeights, nearest: SkinWeights, shape: Shape, width: FloatArray
+) -> SkinWeights:
+    """Smooth what the limit has left rough, with the bones that are left."""
+    from medialis.rigging._way_kernels import Couplings, smooth_within
+
+    stiff, mass = stiffness(shape)
+    table = stiff.tocsr()
+    table.setdiag(0.0)
+    pulls = mass / np.maximum(width, 1e-6 * shape.diagonal) ** 2
+    couplings = Couplings(
+        table.indptr.astype(np.int32), table.indices.astype(np.int32), -table.data, pulls
+    )
+    before = np.zeros_like(skin.weights)
+    for bone, share in zip(nearest.bones.T, nearest.weights.T, strict=True):
+        before += share[:, None] * ((skin.bones == bone[:, None]) & (bone >= 0)[:, None])
+    weights, moved = np.array(skin.weights), np.empty_like(skin.weights)
+    for _ in range(PASSES):
+        smooth_within(couplings, skin.bones, before, weights, moved)
+        weights, moved = moved, weights
+    order = np.argsort(-weights, axis=1, kind="stable")
+    weights = np.take_along_axis(weights, order, axis=1)
+    bones = np.take_along_axis(skin.bones, order, axis=1)
+    return SkinWeights(np.where(weights > 0, bones, -1), weights)
+
+
+def _nearest(shape: Shape, armature: Armature | Bones) -> tuple[SkinWeights, FloatArray]:
+    """Return the nearest bones of each vertex with their shares, and the distance to them."""
+    from medialis.rigging._way_kernels import Fares, Ways, nearest_bones
+
+    cell, origin, size = _lattice(shape, armature)
+    points = (shape.points - origin) / cell
+    normals = np.nan_to_num(shape.normals)
+    grid = _grid(points, shape.faces, size)
+    around = _behind(points, normals, grid)
+    grid.wanted[around.cells[around.good | ~around.good.any(axis=1, keepdims=True)]] = True
+    heads, tails = (armature.heads - origin) / cell, (armature.tails - origin) / cell
+    fee = FEE * float(np.linalg.norm(size))
+    seeds = _seeds(heads, tails, grid, fee)
+    cells = len(grid.inside)
+    kept = min(KEPT, armature.count)
+    ways = Ways(
+        np.full((cells, kept), -1, np.int32), np.full((cells, kept), np.inf),
+        np.full((cells, kept), np.inf), np.zeros((cells, kept), np.bool_),
+    )  # fmt: skip
+    room = 4 * kept * cells
+    nearest_bones(
+        grid, Fares(OUTSIDE, fee, FURTHER), ways, seeds, np.empty(room), np.empty(room, np.int64)
+    )
+    found = _of_vertices(around, ways, fee)
+    skin, far = _shared(points, heads, tails, found, fee)
+    return skin, cell * far
+
+
+def _lattice(shape: Shape, armature: Armature | Bones) -> tuple[float, FloatArray, Index]:
+    """Return the edge of a cell, where the first center stands, and how many there are."""
+    low, high = shape.bounds
+    reach = 0.25 * shape.diagonal
+    joints = np.clip(np.concatenate([armature.heads, armature.tails]), low - reach, high + reach)
+    low, high = np.minimum(low, joints.min(axis=0)), np.maximum(high, joints.max(axis=0))
+    sides = np.maximum(high - low, 1e-2 * shape.diagonal)
+    cell = float(np.cbrt(max(sides.prod() / CELLS, _volume(shape) / INSIDE)))
+    size = np.ceil((high - low) / cell).astype(np.int64) + 2 * MARGIN
+    return cell, low - cell * (MARGIN - 0.5 - np.array(SHIFT) / 2), size
+
+
+def _volume(shape: Shape) -> float:
+    """Return the volume, roughly where the mesh is not closed."""
+    corners = shape.points[shape.faces] - shape.points.mean(axis=0)
+    return abs(float(np.linalg.det(corners).sum())) / 6
+
+
+def _grid(points: FloatArray, faces: IntArray | None, size: Index) -> Grid:
+    """Tell inside from outside by rays along both ways of each axis."""
+    from scipy.ndimage import maximum_filter
+
+    from medialis.rigging._way_kernels import Grid, mark_crossings
+
+    votes, parted = np.zeros(size, np.int8), np.zeros(int(size.prod()), np.uint8)
+    for axis in range(3):
+        entries = np.zeros(int(size.prod()), np.int16)
+        mark_crossings(points, faces, axis, size, entries, parted)
+        ahead = np.cumsum(entries.reshape(size), axis=axis, dtype=np.int16)
+        votes += ahead != 0
+        votes += ahead != np.take(ahead, [-1], axis=axis)
+    inside = (votes >= INSIDE_VOTES).ravel()
+    near = maximum_filter(parted.reshape(size) > 0, 3)
+    passed = inside | maximum_filter(near, 2 * BAND - 1).ravel()
+    return Grid(size, inside, parted, ~near.ravel(), passed, np.zeros(len(inside), np.bool_))
+
+
+def _cells_around(places: FloatArray, size: Index) -> tuple[Index, FloatArray]:
+    """Return the eight cells around each place, (n, 8), and where their centers are, (n, 8, 3)."""
+    corner = np.floor(places).astype(np.int64)[:, None] + np.indices((2, 2, 2)).reshape(3, 8).T
+    corner = np.clip(corner, 0, size - 1)
+    return np.ravel_multi_index(tuple(corner.T), tuple(size)).T, corner.astype(np.float64)
+
+
+def _seeds(heads: FloatArray, tails: FloatArray, grid: Grid, fee: float) -> FloatArray:
+    """Return cell, bone and cost of the cells around each bone; those outside pay as others do."""
+    counts = np.ceil(2.0 * np.linalg.norm(tails - heads, axis=1)).astype(np.int64) + 2
+    bone = np.repeat(np.arange(len(heads)), counts)
+    step = np.arange(len(bone)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (step / np.repeat(counts - 1, counts))[:, None]
+    cells, centers = _cells_around((1 - share) * heads[bone] + share * tails[bone], grid.size)
+    bone = np.repeat(bone, 8)
+    cells, far = cells.ravel(), _distance(centers.reshape(-1, 3), heads[bone], tails[bone])
+    cost = np.where(grid.inside[cells], far, OUTSIDE * far + fee)
+    _, rows = np.unique(cells * len(heads) + bone, return_index=True)
+    return np.stack([cells, bone, cost], axis=1)[rows].astype(np.float64)
+
+
+def _distance(points: FloatArray, heads: FloatArray, tails: FloatArray) -> FloatArray:
+    """Return the distance of each point from its segment."""
+    along, off = tails - heads, points - heads
+    squared = np.maximum((along**2).sum(axis=-1), 1e-300)  # a bone without length is a place
+    share = (off * along).sum(axis=-1) / squared
+    return np.asarray(np.linalg.norm(off - np.clip(share, 0, 1)[..., None] * along, axis=-1))
+
+
+class _Around(NamedTuple):
+    """The eight cells behind each of n vertices.
+
+    Attributes
+    ----------
+    cells : (n, 8) int64
+    good, inside : (n, 8) bool
+        Whether a cell is inside, and whether it lies behind the surface as well.
+    lengths : (n, 8) float64
+        How far its center is from the vertex.
+    """
+
+    cells: Index
+    good: Mask
+    inside: Mask
+    lengths: FloatArray
+
+
+def _behind(points: FloatArray, normals: FloatArray, grid: Grid) -> _Around:
+    cells, centers = _cells_around(points - 0.75 * normals, grid.size)
+    way = centers - points[:, None]
+    inside = grid.inside[cells]
+    good = inside & (np.einsum("nkc,nc->nk", way, normals) < 0)
+    return _Around(cells, good, inside, np.linalg.norm(way, axis=2))
+
+
+def _of_vertices(
+    around: _Around, ways: Ways, fee: float
+) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the cheapest bones of each vertex by the cells behind it: bones, costs and lengths."""
+    cells = around.cells
+    length = around.lengths * np.where(around.good, 1.0, OUTSIDE)
+    toll = np.where(around.inside & ~around.good, fee, 0.0)
+    shape = len(cells), -1
+    bones = ways.bones[cells].reshape(shape)
+    lengths = (ways.lengths[cells] + length[..., None]).reshape(shape)
+    costs = (ways.costs[cells] + (length + toll)[..., None]).reshape(shape)
+    costs = np.where(ways.done[cells].reshape(shape), costs, np.inf)
+    rows, found = np.arange(len(cells)), []
+    for _ in range(ways.bones.shape[1]):
+        best = costs.argmin(axis=1)
+        cost = costs[rows, best]
+        found.append(
+            (np.where(np.isfinite(cost), bones[rows, best], -1), cost, lengths[rows, best])
+        )
+        costs = np.where(bones == bones[rows, best][:, None], np.inf, costs)
+    whole, cost, length = (np.stack(columns, axis=1) for columns in zip(*found, strict=True))
+    return whole, cost, length
+
+
+def _shared(
+    points: FloatArray,
+    heads: FloatArray,
+    tails: FloatArray,
+    found: tuple[IntArray, FloatArray, FloatArray],
+    fee: float,
+) -> tuple[SkinWeights, FloatArray]:
+    """Share each vertex between the bones that are nearly equally near; return the distance, too.
+
+    A way without a bend is as long as the straight line, which the grid knows only roughly.
+    """
+    bones, costs, lengths = found
+    straight = _distance(points[:, None], heads[bones], tails[bones])
+    far = np.where(lengths <= DETOUR * straight + 2.0, straight, lengths)
+    known = np.isfinite(costs)
+    tolls = np.subtract(costs, lengths, out=np.full_like(costs, np.inf), where=known)
+    far = np.where(tolls <= tolls.min(axis=1, keepdims=True) + fee / 2, far, np.inf)
+    far[~known] = np.inf
+    lost = ~known.any(axis=1)
+    if lost.all():  # no way leads to the mesh
+        every = np.array([_distance(points, *ends) for ends in zip(heads, tails, strict=True)]).T
+        bones = np.argsort(every, axis=1, kind="stable")[:, : bones.shape[1]].astype(np.int32)
+        far = np.take_along_axis(every, bones, axis=1)
+    elif lost.any():  # pieces apart follow what they are next to
+        row = np.flatnonzero(~lost)[kd_tree(points[~lost]).query(points[lost])[1]]
+        bones[lost], far[lost] = bones[row], far[row]
+    least = np.maximum(far.min(axis=1, keepdims=True), 0.5)
+    share = np.clip(1.0 - (far / least - 1.0) / NEARLY, 0.0, None)
+    weights = share / share.sum(axis=1, keepdims=True)
+    order = np.argsort(-weights, axis=1, kind="stable")
+    weights = np.take_along_axis(weights, order, axis=1)
+    bones = np.take_along_axis(bones, order, axis=1)
+    return SkinWeights(np.where(weights > 0, bones, -1), weights), least[:, 0]
+
+
+def _whole_pieces(skin: SkinWeights, shape: Shape, far: FloatArray) -> SkinWeights:
+    """Give the pieces that are smaller than their distance to the bone one weight each."""
+    label = shape.components
+    count = int(label.max()) + 1
+    if count == 1:
+        return skin
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, label, shape.points)
+    np.maximum.at(high, label, shape.points)
+    sizes = np.bincount(label)
+    small = np.linalg.norm(high - low, axis=1) < np.bincount(label, far) / sizes
+    rows = np.flatnonzero(small[label])
+    bones, weights = np.array(skin.bones), np.array(skin.weights)
+    total = int(bones.max()) + 1
+    keys = label[rows, None] * total + bones[rows].clip(min=0)
+    keys, place = np.unique(keys, return_inverse=True)
+    sums = np.bincount(place.ravel(), weights[rows].ravel())
+    piece, bone = np.divmod(keys, total)
+    order = np.lexsort((-sums, piece))
+    piece, bone, sums = piece[order], bone[order], sums[order]
+    column = np.arange(len(piece)) - np.searchsorted(piece, piece)
+    width = bones.shape[1]
+    kept = (column < width) & (sums > 0)
+    of_piece = np.full((count, width), -1, np.int32), np.zeros((count, width))
+    of_piece[0][piece[kept], column[kept]] = bone[kept]
+    of_piece[1][piece[kept], column[kept]] = sums[kept]
+    bones[rows], weights[rows] = of_piece[0][label[rows]], of_piece[1][label[rows]]
+    weights[rows] /= weights[rows].sum(axis=1, keepdims=True)
+    return SkinWeights(bones, weights)

@@ -1,0 +1,128 @@
+"""Operation: weights with which the bones of any armature move a mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from medialis.base.options import file
+from medialis.base.progress import Progress
+from medialis.operations.declaration import Format, Operation
+from medialis.operations.positions import numbers, places
+from medialis.operations.result import Layer, Outcome, Result
+from medialis.rigging.armature import Armature, read_armature, write_armature_json, write_bvh
+from medialis.rigging.binding import BindOptions, Weighing, bind_weights
+from medialis.rigging.bones import Bones, bones
+from medialis.rigging.operation import (
+    BY_BONE,
+    ArmatureRun,
+    bones_layer,
+    described,
+    write_rigged_gltf,
+)
+from medialis.shape.shape import Shape
+from medialis.shape.surface import Surface
+
+
+@dataclass(frozen=True, kw_only=True)
+class BindRun(Weighing):
+    """Options of the operation `bind`."""
+
+    armature: str = file(
+        "Armature",
+        "File with the bones: glTF with a skin, BVH, or JSON of medialis. Without one, the bones "
+        "are those of the operation armature.",
+        bones=True,
+    )
+
+
+def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
+    """Read the bones, and weigh them."""
+    with progress.stage("bones", 0.0, 0.4):
+        rig = _bones(shape, options.armature, progress)
+    with progress.stage("weights", 0.4, 1.0):
+        weighing = BindOptions.taken_from(options, armature=rig)
+        skin = bind_weights.of(shape, weighing, progress)
+    used = np.unique(skin.bones[skin.bones >= 0])
+    if len(used) < rig.count:
+        idle = [name for bone, name in enumerate(rig.names) if bone not in set(used.tolist())]
+        shown = ", ".join(idle[:3]) + (", ..." if len(idle) > 3 else "")
+        text = f"{len(idle)} of {rig.count} bones move nothing: {shown}."
+        progress.note(text, "idle_bones", bones=len(idle), of=rig.count)
+    fields: dict[str, Any] = {"bone": skin.bones[:, 0], "weight": skin.weights[:, 0]}
+    own = not options.armature
+    return Outcome(
+        shape=shape,
+        layers=(
+            Layer("bound_skin", shape.points, shape.faces, attributes=fields, on_input=True,
+                  role="skin", **BY_BONE),
+            replace(bones_layer(rig), name="bound_bones", role="bones" if own else "hidden",
+                    auxiliary=not own),
+        ),
+        values={
+            "bones": rig.count,
+            "vertices": shape.point_count,
+            "moving_bones": len(used),
+            "diagonal": shape.diagonal,
+            "bone_names": list(rig.names),
+        },
+        arrays={
+            "heads": places(rig.heads),
+            "tails": places(rig.tails),
+            "parents": rig.parents,
+            "skin_bones": skin.bones,
+            "skin_weights": numbers(skin.weights),
+        },
+        extras={"bones": rig, "skin": skin},
+    )  # fmt: skip
+
+
+def _bones(shape: Shape, path: str, progress: Progress) -> Bones | Armature:
+    """Read the bones of a file, or lay them along the curve skeleton."""
+    if path:
+        found = read_armature(path)
+        away = shape.__dict__.get("offset", 0.0)
+        return replace(found, heads=found.heads - away, tails=found.tails - away)
+    options = ArmatureRun()
+    curve, _ = described(shape, options, progress)
+    return bones.of(curve, options, progress)
+
+
+def _write_glb(path: Path, result: Result) -> None:
+    given = result.layers[0]
+    surface = Surface.of_checked(given.points, given.faces)
+    skin = replace(result.extras["skin"], rig=result.extras["bones"])
+    write_rigged_gltf(path, surface, result.shape.normals, skin, unit=result.shape.unit)
+
+
+OPERATION = Operation(
+    name="bind",
+    filter_name="compute_scalar_by_medial_bind",
+    label="Bind to armature",
+    group="Skeleton",
+    help="Compute the weights with which the bones of an armature move a mesh.\n\n"
+    "The nearest bone is the one with the shortest way inside the body. The mesh may have holes, "
+    "several pieces, inner faces, or no inside: no vertex is left without a bone. Weights are "
+    "smooth and sum to 1; a small piece moves as a whole.",
+    source=None,
+    examples=(("creature.ply", "weights of its own bones; bind.glb opens in other programs"),),
+    layers={
+        "bound_skin": "the surface with the bone that moves each vertex most",
+        "bound_bones": "one line for each bone",
+    },
+    options=BindRun,
+    run=run,
+    needs_faces=True,
+    lies_on_shape=True,
+    formats=(
+        Format("glb", _write_glb, "skin", unasked=True),
+        Format("json", lambda path, result: write_armature_json(
+            path, result.extras["bones"], result.shape.unit), "bones"),
+        Format("bvh", lambda path, result: write_bvh(path, result.extras["bones"]), "bones"),
+    ),
+    order=91,
+    words=("skin weights", "automatic weights", "bone heat", "parent"),
+)  # fmt: skip
