@@ -34,7 +34,8 @@ Curves and rigging:
     curve_skeleton, CurveSkeleton, CurveEvidence, candidate_measure, CandidateMeasure,
     tangent_field, area_importance, simplify_branches, point_graph, Handles, view_curve_skeleton,
     view_source, View, ViewPoints, ViewSource, OrthographicCamera, rasterizer, Rasterizer,
-    silhouette_skeleton, Crossings, bones, Bones, skin_weights, SkinWeights
+    silhouette_skeleton, Crossings, bones, Bones, skin_weights, SkinWeights, Armature,
+    read_armature, bind_weights
 Clouds:
     estimate_normals, surface_of_cloud, manifolds, ManifoldSet, PointClass, manifold_surfaces
 Operations:

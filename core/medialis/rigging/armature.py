@@ -105,7 +105,13 @@ def read_armature(path: str | os.PathLike[str]) -> Armature:
     Raises
     ------
     FileError
-        When the file cannot be read, or has no bones.
+        When the file cannot be read.
+    InvalidShapeError
+        When it is damaged, or has no bones.
+
+    See Also
+    --------
+    bind_weights : what the bones move.
 
     Examples
     --------
