@@ -34,7 +34,8 @@ Names
     `with_labels` for messages, `nearest_unit` for the unit of a scene.
 Edited layers
     `takes_back` names the option of an operation that takes a layer as its user has edited it,
-    `write_edited` writes it to a file, and `write_armature_json` the bones of a user's armature; `unpacked_levels` are the `Levels` of a layer that was kept.
+    `write_edited` writes it to a file, and `write_armature_json` the bones of a user's armature;
+    `unpacked_levels` are the `Levels` of a layer that was kept.
 Files
     `write_ply` for one layer, `write_for_host` for a result that another program adds;
     `complete_file` for any other file, and `reason` says why one cannot be written.

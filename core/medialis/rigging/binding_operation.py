@@ -116,7 +116,7 @@ OPERATION = Operation(
     options=BindRun,
     run=run,
     needs_faces=True,
-    lies_on_shape=True,
+    thin_lines=True,
     formats=(
         Format("glb", _write_glb, "skin", unasked=True),
         Format("json", lambda path, result: write_armature_json(
