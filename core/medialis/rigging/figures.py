@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from medialis.base.arrays import unit_rows
+from medialis.base.arrays import places_along, unit_rows
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging.limbs import shortest_tree
@@ -43,7 +43,7 @@ FLAT = 1.5
 CLEAR = 5.0
 """What the best way to tell limbs apart may cost."""
 
-DISTINCT = 1.0
+DISTINCT = 1.5
 """How much more each way must cost that gives the parts to others."""
 
 ALONG_TRUNK, ACROSS_TRUNK = 0.62, 0.5
@@ -70,6 +70,8 @@ class Tip:
         Their upper quartile.
     flatness : float
         Area of the surface that belongs to it, of that of the round limb; 0 where it is unknown.
+    toe : (3,) float64
+        How far its end is off the line of what is before it, of its length.
     """
 
     nodes: list[int]
@@ -79,6 +81,7 @@ class Tip:
     radius: float
     thickness: float
     flatness: float
+    toe: FloatArray
 
 
 @dataclass(frozen=True)
@@ -260,8 +263,19 @@ class _Tree:
             radius=float(np.median(radii[first:])),
             thickness=float(np.quantile(radii[first:], 0.75)),
             flatness=area / max(tube + 2 * np.pi * radii[-1] ** 2, 1e-300),
+            toe=_toe(points[first:]),
         )
         return self.known[nodes]
+
+
+def _toe(points: FloatArray) -> FloatArray:
+    """Return how far the end of a limb is off the line before it, of its length, (3,)."""
+    places = places_along(points)
+    if places[-1] == 0:
+        return np.zeros(3)
+    low, high = (points[int(np.searchsorted(places, share * places[-1]))] for share in (0.5, 0.8))
+    shin, off = unit_rows(high - low), points[-1] - high
+    return np.asarray((off - (off @ shin) * shin) / places[-1])
 
 
 def find_figure(curve: CurveSkeleton) -> tuple[Figure | None, str]:
@@ -382,6 +396,8 @@ def _body(
         against["front legs along"] = _excess(abs(reach @ along) - ACROSS_TRUNK, 0.2)
         against["legs apart"] = _excess(0.7 - reach @ down, 0.3)
         against["uneven legs"] = (np.log(arm / leg) / 0.5) ** 2
+        toes = np.mean([tip.toe @ along for tip in (*arms, *legs)])
+        against["toes behind"] = _excess(-toes, 0.04)
     else:
         return None
     across = across * max(size[1:])
