@@ -119,6 +119,9 @@ def _pose(curve: CurveSkeleton, figure: Figure) -> _Pose | None:
         up = unit_rows(trunk - (trunk @ across) * across)
         ahead = np.cross(across, up)
         feet = sum(_foot(curve, nodes, ahead) for nodes in figure.hind)
+        if figure.tail:  # a tail is behind
+            way = unit_rows(np.diff(curve.nodes[[figure.tail[0], figure.tail[-1]]], axis=0)[0])
+            feet -= 2 * FACING * float(way @ ahead)
         if abs(feet) < 2 * FACING:
             return None
         ahead = ahead * np.sign(feet)

@@ -28,7 +28,7 @@ ears, fingers, heels."""
 MOST_TIPS = 9
 """Of the longest branches, that may be limbs."""
 
-WHOLE = 0.9
+WHOLE = 0.75
 """Share of the length of all curves that one component has, for the shape to be one figure."""
 
 ALIKE_LENGTHS = 0.3
@@ -382,7 +382,7 @@ def _body(
     across = wide / size[1] + wide_hind / size[2]
     across /= np.linalg.norm(across)
     along = trunk / size[0]
-    against["twisted"] = ((1 - wide @ wide_hind / size[1] / size[2]) / 0.25) ** 2
+    against["twisted"] = ((1 - wide @ wide_hind / size[1] / size[2]) / 0.35) ** 2
     against["askew"] = (across @ along / 0.3) ** 2
     down = _mean_way(np.array([tip.end for tip in legs]) - hind, across)
     reach = _mean_way(np.array([tip.end for tip in arms]) - front, across)
