@@ -25,6 +25,10 @@ from medialis.rigging.limbs import Plane
 FACING = 0.04
 """How much farther feet go ahead than back, of the length of a leg, for a biped to look there."""
 
+UPRIGHT = 0.8
+"""Cosine of the angle between the trunk of a quadruped and the vertical from which on it may be a
+biped that sits, with arms and legs ahead."""
+
 NECK_UP = 0.3
 """Height of the foot of the neck over the shoulders, of half their distance."""
 
@@ -71,7 +75,9 @@ class _Pose:
     plane: Plane | None
 
 
-def figure_bones(curve: CurveSkeleton, blend: float) -> tuple[Bones | None, str]:
+def figure_bones(
+    curve: CurveSkeleton, blend: float, up: str | None = None
+) -> tuple[Bones | None, str]:
     """Return the bones of the biped or quadruped along a curve skeleton.
 
     Parameters
@@ -79,6 +85,8 @@ def figure_bones(curve: CurveSkeleton, blend: float) -> tuple[Bones | None, str]
     curve : CurveSkeleton
     blend : float
         As of `bones`.
+    up : {"x", "y", "z"}, optional
+        The axis that points up, where it is known: a quadruped does not stand upright.
 
     Returns
     -------
@@ -91,6 +99,10 @@ def figure_bones(curve: CurveSkeleton, blend: float) -> tuple[Bones | None, str]
     if figure is None:
         return None, doubt
     pose = _pose(curve, figure)
+    if pose is not None and figure.kind == "quadruped" and up is not None:
+        upright = abs(float(pose.ahead["xyz".index(up)]))
+        if upright > UPRIGHT:
+            return None, "Whether the figure has arms or front legs is not clear: it sits or rears."
     if pose is None:
         return (
             None,

@@ -44,6 +44,15 @@ from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import Preparation
 
+HALF = float(np.sqrt(0.5))
+
+UP_TO_Y: dict[str, tuple[FloatArray, list[float]]] = {
+    "x": (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), [0.0, 0.0, HALF, HALF]),
+    "y": (np.eye(3), []),
+    "z": (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), [-HALF, 0.0, 0.0, HALF]),
+}
+"""Turns of the axis that points up to y, as matrix and as quaternion (x, y, z, w)."""
+
 BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
 """How layers are shown."""
 
@@ -86,7 +95,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     with progress.stage("curve", 0.0, 0.9):
         curve, _ = described(shape, options, progress)
     with progress.stage("weights", 0.9, 1.0):
-        rig = _figure(curve, options, progress) or bones.of(curve, options, progress)
+        rig = _figure(curve, shape.up, options, progress) or bones.of(curve, options, progress)
         whole = skin_weights.of(rig, options, progress)
     if rig.kind:
         numbered = options.naming == "numbers"
@@ -129,11 +138,13 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     )
 
 
-def _figure(curve: CurveSkeleton, options: ArmatureRun, progress: Progress) -> Bones | None:
+def _figure(
+    curve: CurveSkeleton, up: str | None, options: ArmatureRun, progress: Progress
+) -> Bones | None:
     """Return the bones of a figure, and say what is not sure; None where there is none."""
     if not options.figures:
         return None
-    rig, doubt = run_patiently(lambda: figure_bones(curve, options.blend), progress)
+    rig, doubt = run_patiently(lambda: figure_bones(curve, options.blend, up), progress)
     if rig is not None:
         progress.note(f"The bones are those of a {rig.kind}.", "figure", kind=rig.kind)
         if options.naming == "vrm" and rig.kind == "quadruped":
@@ -200,6 +211,7 @@ def write_rigged_gltf(
     skin: SkinWeights,
     *,
     unit: str | None = None,
+    up: str | None = None,
 ) -> None:
     """Write a mesh with its bones and weights as GLB.
 
@@ -214,6 +226,8 @@ def write_rigged_gltf(
         Of its vertices, with its bones.
     unit : str, optional
         What one unit of the points is; metres when unknown.
+    up : {"x", "y", "z"}, optional
+        The axis that points up: the nodes at the top turn it to y, which is up in glTF.
 
     Raises
     ------
@@ -238,7 +252,10 @@ def write_rigged_gltf(
     indices = store.add(surface.faces.astype(np.uint32).ravel(), TRIANGLES)
     inverse = np.linalg.inv(frames).transpose(0, 2, 1).astype(np.float32)  # columns come first
     inverse[:, :, 3] = [0, 0, 0, 1]
-    place = {"translation": (scale * middle).tolist()} if middle.any() else {}
+    turn, rotation = UP_TO_Y.get(up or "y", UP_TO_Y["y"])
+    place = {"translation": (turn @ (scale * middle)).tolist()} if middle.any() else {}
+    if rotation:
+        place["rotation"] = rotation
     nodes, children = _nodes(rig, frames, scale)
     top, mesh = len(nodes), len(nodes) + 1
     nodes.append({"name": "armature", **place, "children": children})
@@ -323,7 +340,8 @@ def _write_rig(path: Path, result: Result) -> None:
     count = len(skin.bones)  # a refined shape has the given points first
     given = next(layer for layer in result.layers if layer.role == "skin")
     surface, normals = Surface.of_checked(given.points, given.faces), result.shape.normals[:count]
-    write_rigged_gltf(path, surface, normals, skin, unit=result.shape.unit)
+    shape = result.shape
+    write_rigged_gltf(path, surface, normals, skin, unit=shape.unit, up=shape.up)
 
 
 def _write_bones(path: Path, result: Result) -> None:
