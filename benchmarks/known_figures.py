@@ -10,7 +10,8 @@ the height.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -217,9 +218,9 @@ def _biped_pose(pose: str, sign: int) -> dict[str, np.ndarray]:
     return {"thigh": _swing(12 * sign, 8), "shin": _swing(-14, 6)} | arm
 
 
-def biped(kind: str, pose: str) -> KnownFigure:
-    """Make a biped."""
-    p, body = BIPEDS[kind], _Body()
+def biped(kind: str, pose: str, proportions: Biped | None = None) -> KnownFigure:
+    """Make a biped of a kind, or of other proportions."""
+    p, body = proportions or BIPEDS[kind], _Body()
     lean = {"walking": 6.0, "bent": 10.0, "reaching": 4.0}.get(pose, 0.0)
     up = -_swing(-lean)
     t, m = 0.085 * p.body, 0.036 * p.limbs
@@ -303,9 +304,9 @@ def _quadruped_legs(pose: str, sign: int, front: bool, reach: float) -> tuple[fl
     return rest[0] + turn, rest[1] + turn - (10 if turn > 0 else 25), rest[2] + turn
 
 
-def quadruped(kind: str, pose: str) -> KnownFigure:
-    """Make a quadruped; its back is as high as its legs are long."""
-    p, body = QUADRUPEDS[kind], _Body()
+def quadruped(kind: str, pose: str, proportions: Quadruped | None = None) -> KnownFigure:
+    """Make a quadruped of a kind, or of other proportions."""
+    p, body = proportions or QUADRUPEDS[kind], _Body()
     hips = np.array([0.0, p.trunk / 2, 0.0])
     ahead = np.array([0.0, -1.0, 0.0])
     third = p.trunk / 3
@@ -360,6 +361,27 @@ def known_figures(kinds: tuple[str, ...] = ()) -> Iterator[KnownFigure]:
             yield from (biped(kind, pose) for pose in BIPED_POSES)
         else:
             yield from (quadruped(kind, pose) for pose in QUADRUPED_POSES)
+
+
+def drawn_figures(seed: int, bipeds: int = 20, quadrupeds: int = 10) -> Iterator[KnownFigure]:
+    """Yield figures whose proportions are drawn between those of two kinds, each one by itself."""
+    rng = np.random.default_rng(seed)
+
+    def between(kinds: dict[str, Any]) -> Any:
+        one, other = (kinds[name] for name in rng.choice(list(kinds), 2, replace=False))
+        share = {f.name: rng.uniform() for f in fields(one)}
+        mixed = {
+            name: getattr(one, name) + s * (getattr(other, name) - getattr(one, name))
+            for name, s in share.items()
+        }
+        return replace(one, **mixed | {"fingers": one.fingers} if "fingers" in mixed else mixed)
+
+    for number in range(bipeds):
+        pose = BIPED_POSES[number % len(BIPED_POSES)]
+        yield biped(f"biped{number}", pose, between(BIPEDS))
+    for number in range(quadrupeds):
+        pose = QUADRUPED_POSES[number % len(QUADRUPED_POSES)]
+        yield quadruped(f"quadruped{number}", pose, between(QUADRUPEDS))
 
 
 @dataclass(frozen=True)

@@ -164,3 +164,12 @@ def test_names_of_programs_are_distinct_and_say_the_side():
     assert {"clavicle_l", "calf_r", "pelvis"} <= set(target_names(rig, "unreal"))
     assert {"leftUpperLeg", "rightToes", "hips"} <= set(target_names(rig, "vrm"))
     assert {"spine", "spine.006", "upper_arm.L"} <= set(target_names(rig, "rigify"))
+
+
+@pytest.mark.slow
+def test_a_head_that_is_a_ball_is_a_head():
+    """It has no curve of its own: the figure had four limbs and was none."""
+    figure = known_figures.biped("cartoon", "a")
+    rig = medialis.run("armature", figure.shape).extras["bones"]
+    score = known_figures.scored(figure, rig)
+    assert score.recognised and not score.wrong and score.off["head tail"] < 3.0

@@ -19,7 +19,7 @@ from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging import anatomy
 from medialis.rigging.anatomy import Strand
 from medialis.rigging.bones import Bones
-from medialis.rigging.figures import Figure, find_figure
+from medialis.rigging.figures import Figure, find_figure, with_round_parts
 from medialis.rigging.limbs import Plane
 
 FACING = 0.04  # halved 0 %, doubled 0 %
@@ -95,6 +95,7 @@ def figure_bones(
     str
         What is not clear, as a sentence; empty where it is no figure at all.
     """
+    curve = with_round_parts(curve)
     figure, doubt = find_figure(curve)
     if figure is None:
         return None, doubt
