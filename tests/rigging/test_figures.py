@@ -74,6 +74,24 @@ def test_without_feet_nobody_knows_its_left():
     assert rig is None and "looks" in doubt
 
 
+def test_three_fingers_have_bones_that_hang_on_the_hand():
+    fingers = [
+        limb
+        for turn in (-0.06, 0.0, 0.06)
+        for limb in both((0.5, 0, 0.78, 0.03), (0.58, turn, 0.78, 0.012))
+    ]
+    rig, _ = figure_bones(stick((*PERSON, *fingers), 1.0, 0.01), 1.0)
+    assert rig is not None
+    place = dict(zip(rig.names, rig.heads, strict=True))
+    for mark, side in ((".L", 1), (".R", -1)):
+        for k in (1, 2, 3):
+            bone, tip = (rig.names.index(f"finger_{k}_{b}{mark}") for b in (1, 2))
+            assert rig.names[rig.parents[bone]] == "hand" + mark and rig.parents[tip] == bone
+            assert side * place[f"finger_{k}_1{mark}"][0] > 0.49
+        ways = [rig.tails[rig.names.index(f"finger_{k}_2{mark}")][1] for k in (1, 2, 3)]
+        assert np.ptp(ways) > 0.08 and ways[1] == pytest.approx(0.0, abs=0.01)
+
+
 def star(legs):
     ends = [(np.cos(a), np.sin(a), 0.0, 0.05) for a in np.linspace(0, 2 * np.pi, legs + 1)[:-1]]
     return [((0, 0, 0, 0.2), end) for end in ends]

@@ -8,6 +8,7 @@ mirror image, joints are mirror images and the spine lies in the plane.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -43,6 +44,9 @@ HEAD_DOWN = 1.15
 
 BALL = 0.64  # halved 0 %, doubled 0 %
 """Share of the foot up to the toes."""
+
+LEAST_FINGERS, FINGER_BONES = 3, 2
+"""Fingers of a hand, so that they are no thumb and mitten; bones of each."""
 
 TAIL_BONES = 3  # halved 15 %, doubled 18 %
 """Bones of a tail."""
@@ -162,9 +166,8 @@ def _foot(curve: CurveSkeleton, nodes: list[int], ahead: FloatArray) -> float:
 
 def _chains(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> list[Chain]:
     """Return the chains of a figure, those above first."""
-    sides = (
-        ((0, ".L"), (1, ".R")) if figure.parts.across @ pose.left > 0 else ((1, ".L"), (0, ".R"))
-    )
+    left = 0 if figure.parts.across @ pose.left > 0 else 1
+    sides = ((left, ".L"), (1 - left, ".R"))
     hind = {mark: _leg(curve, figure, figure.hind[k], pose) for k, mark in sides}
     front = {
         mark: (_arm if figure.kind == "biped" else _leg)(curve, figure, figure.front[k], pose)
@@ -178,20 +181,96 @@ def _chains(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> list[Chain]:
     if pose.plane is not None:
         flat = (trunk.joints + pose.plane.image(trunk.joints)) / 2
         trunk = replace(trunk, joints=flat)
+    # Depth first, as Blender lists bones.
     chains = [trunk]
-    neck = trunk.joints[3]
+    fingers: dict[str, list[Chain]] = {".L": [], ".R": []}
+    if figure.kind == "biped":
+        front = {mark: np.vstack([trunk.joints[3], front[mark]]) for mark in front}
+        fingers = _fingers(curve, figure, pose, front, sides)
     for k, mark in sides:
-        hips = figure.hind[k]
-        if figure.kind == "biped":
-            joints = np.vstack([neck, front[mark]])
-            names = ("shoulder", *ARMS)
-        else:
-            joints, names = front[mark], FRONT_LEGS
-        chains.append(Chain(tuple(n + mark for n in names), joints, figure.front[k], "chest"))
-        chains.append(Chain(tuple(n + mark for n in LEGS), hind[mark], hips, "hips"))
+        names: tuple[str, ...] = ("shoulder", *ARMS) if figure.kind == "biped" else FRONT_LEGS
+        nodes = figure.front[k]
+        if fingers[mark]:
+            nodes = nodes[: nodes.index(fingers[mark][0].nodes[0]) + 1]
+        chains.append(Chain(tuple(n + mark for n in names), front[mark], nodes, "chest"))
+        chains += fingers[mark]
+    for k, mark in sides:
+        chains.append(Chain(tuple(n + mark for n in LEGS), hind[mark], figure.hind[k], "hips"))
     if figure.tail:
         chains.append(_tail(curve, figure, pose))
     return chains
+
+
+def _fingers(
+    curve: CurveSkeleton,
+    figure: Figure,
+    pose: _Pose,
+    arms: dict[str, FloatArray],
+    sides: tuple[tuple[int, str], ...],
+) -> dict[str, list[Chain]]:
+    """Return the fingers of both hands, where both have equally many; hands end where they begin.
+
+    They are numbered across the palm, from the side of the finger that begins nearest to the wrist.
+    """
+    found = {mark: _finger_joints(curve, figure.front[k], arms[mark]) for k, mark in sides}
+    count = len(found[".L"])
+    if count < LEAST_FINGERS or len(found[".R"]) != count:
+        return {".L": [], ".R": []}
+    if pose.plane is not None:
+        for (one, _), (other, _) in zip(found[".L"], found[".R"], strict=True):
+            one[:] = (one + pose.plane.image(other)) / 2
+            other[:] = pose.plane.image(one)
+    chains: dict[str, list[Chain]] = {}
+    for mark, fingers in found.items():
+        arms[mark][-1] = np.mean([joints[0] for joints, _ in fingers], axis=0)
+        chains[mark] = [
+            Chain(tuple(f"finger_{k}_{b}{mark}" for b in range(1, FINGER_BONES + 1)), joints, nodes,
+                  "hand" + mark)
+            for k, (joints, nodes) in enumerate(fingers, 1)
+        ]  # fmt: skip
+    return chains
+
+
+def _finger_joints(
+    curve: CurveSkeleton, way: list[int], arm: FloatArray
+) -> list[tuple[FloatArray, list[int]]]:
+    """Return joints and nodes of the branches at the end of an arm, in their order."""
+    first = next((k for k in _forks(curve, way)), None)
+    if first is None:
+        return []
+    found = []
+    waiting = [
+        [way[first], other] for other in curve.neighbours[way[first]] if other != way[first - 1]
+    ]
+    while waiting:
+        nodes = waiting.pop()
+        onward = [other for other in curve.neighbours[nodes[-1]] if other != nodes[-2]]
+        if len(nodes) > len(curve.nodes):
+            return []  # a loop
+        if not onward:
+            last = max(k for k, node in enumerate(nodes) if curve.degrees[node] > 2)
+            strand = Strand.of(curve, nodes[last:])
+            base = _base(curve, nodes[last:], strand)
+            shares = np.linspace(base, 1.0, FINGER_BONES + 1)
+            found.append((np.array([strand.at(share) for share in shares]), nodes))
+        waiting += [[*nodes, other] for other in onward]
+    if len(found) < LEAST_FINGERS:
+        return []
+    hand = unit_rows(np.mean([joints[-1] for joints, _ in found], axis=0) - arm[-2])
+    roots = np.array([joints[0] - arm[-2] for joints, _ in found])
+    tips = np.array([joints[-1] - arm[-2] for joints, _ in found])
+    flat = tips - (tips @ hand)[:, None] * hand
+    across = np.linalg.svd(flat - flat.mean(axis=0))[2][0]
+    places = flat @ across
+    order = np.argsort(places, kind="stable")
+    if roots[order[0]] @ hand > roots[order[-1]] @ hand:
+        order = order[::-1]
+    return [found[k] for k in order]
+
+
+def _forks(curve: CurveSkeleton, way: list[int]) -> Iterator[int]:
+    """Yield the places of the forks at the end of an arm."""
+    return (k for k, node in enumerate(way) if curve.degrees[node] > 2 and k > 0.6 * len(way))
 
 
 def _mirror(pair: dict[str, FloatArray], plane: Plane | None) -> None:
@@ -211,7 +290,7 @@ def _base(curve: CurveSkeleton, nodes: list[int], strand: Strand) -> float:
 
 def _arm(curve: CurveSkeleton, figure: Figure, nodes: list[int], pose: _Pose) -> FloatArray:
     """Return shoulder, elbow, wrist and the end of the hand."""
-    forks = [k for k, node in enumerate(nodes) if curve.degrees[node] > 2 and k > 0.6 * len(nodes)]
+    forks = list(_forks(curve, nodes))
     strand = Strand.of(curve, nodes[: forks[0] + 1] if forks else nodes)
     return anatomy.arm_joints(strand, _base(curve, nodes, strand), pose.up, bool(forks))
 
