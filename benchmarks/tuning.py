@@ -46,7 +46,7 @@ from tuning_suite.numbers import (
 RECORD = Path(__file__).resolve().parent / "tuning.json"
 
 FEATURES = {
-    "rigging": ("armature", "armature naming=rigify"),
+    "rigging": ("armature figures=False", "armature"),
     "walls": ("wall_check", "thickness"),
     "walls/midsurface": ("midsurface",),
     "segments": ("parts", "parts method=limbs", "patches", "soft_edges", "mean_shift_segments"),

@@ -73,6 +73,10 @@ def _flat(values: Any, place: str) -> Iterator[tuple[str, list[Any]]]:
         yield place, [x for one in many for x in (one if isinstance(one, list) else [one])]
 
 
+TRUTHS = {"True": True, "False": False}
+"""What flags are, by what is written of them."""
+
+
 def perform(pair: Pair, seconds: float = 600.0) -> dict[str, Any]:
     """Run an operation on a shape, with one thread, and return what its result tells."""
     end = time.monotonic() + seconds
@@ -83,6 +87,7 @@ def perform(pair: Pair, seconds: float = 600.0) -> dict[str, Any]:
 
     operation, *words = pair[0].split()
     options: dict[str, Any] = dict(word.split("=") for word in words)
+    options = {name: TRUTHS.get(value, value) for name, value in options.items()}
     if any(one.name == "refine" for one in medialis.operation(operation).options.parameters()):
         options["refine"] = REFINE
     try:

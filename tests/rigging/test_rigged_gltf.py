@@ -73,7 +73,7 @@ class Scene:
         points = np.c_[self.array(held["POSITION"]), np.ones(len(self.array(held["POSITION"])))]
         weights, rows = self.array(held["WEIGHTS_0"]), self.array(held["JOINTS_0"])
         blended = np.einsum("nk,nkij->nij", weights.astype(float), joints[rows])
-        return np.einsum("nij,nj->ni", blended, points)[:, :3] + home[:3, 3]
+        return np.einsum("nij,nj->ni", blended, points)[:, :3] @ home[:3, :3].T + home[:3, 3]
 
 
 def turned(x, y, z, w):
@@ -91,11 +91,12 @@ def result():
     return medialis.run("armature", replace(medialis.organic_shape(56), unit="cm"))
 
 
-def written(result, folder, unit=None):
+def written(result, folder, unit=None, up=None):
     layer = next(one for one in result.layers if one.role == "skin")
     surface = medialis.Surface(layer.points, layer.faces)
     normals = result.shape.normals[: len(layer.points)]
-    write_rigged_gltf(folder / "a.glb", surface, normals, result.extras["skin"], unit=unit)
+    skin = result.extras["skin"]
+    write_rigged_gltf(folder / "a.glb", surface, normals, skin, unit=unit, up=up)
     return Scene((folder / "a.glb").read_bytes()), surface
 
 
@@ -168,8 +169,20 @@ def test_a_shape_far_away_keeps_its_precision(tmp_path):
     assert np.abs(plain - surface.points).max() < 1e-5
 
 
+@pytest.mark.parametrize(("up", "axis"), [("x", 0), ("y", 1), ("z", 2), (None, 1)])
+def test_what_is_up_is_up_in_gltf(result, tmp_path, up, axis):
+    """A shape with z up lay on its back: glTF has y up."""
+    scene, surface = written(result, tmp_path, up=up)
+    found = scene.skinned()
+    assert np.allclose(found[:, 1], surface.points[:, axis], atol=1e-5)
+    assert np.isclose(np.linalg.det(np.linalg.lstsq(surface.points, found, rcond=None)[0]), 1)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(("naming", "spine"), [("rigify", "spine"), ("mixamo", "mixamorig:Hips")])
+@pytest.mark.parametrize(
+    ("naming", "spine"),
+    [("rigify", "spine"), ("mixamo", "mixamorig:Hips"), ("unreal", "pelvis"), ("vrm", "hips")],
+)
 def test_names_are_those_that_were_asked_for(tmp_path, naming, spine):
     """The bones of the file were numbered, whatever was asked for."""
     result = medialis.run("armature", medialis.organic_shape(56), naming=naming)
@@ -246,9 +259,19 @@ def test_graph_files_of_an_armature_hold_the_bones(result, tmp_path):
     medialis.write_result(result, tmp_path / "out")
     graph = medialis.read_curve_skeleton(tmp_path / "out" / "armature.json")
     rig = result.extras["bones"]
-    assert len(graph.edges) == rig.count and len(graph.nodes) == rig.count + len(rig.roots)
+    # Legs begin beside the end of the spine: there is an edge to each hip as well.
+    free = rig.count - int(rig.connected.sum()) - len(rig.roots)
+    assert free == 5 and len(graph.edges) == rig.count + free  # four legs and a tail
+    assert len(graph.nodes) == len(graph.edges) + len(rig.roots)
     assert graph.loops == 0 and graph.component_count == len(rig.roots)
     ends = {tuple(sorted(map(tuple, graph.nodes[edge].tolist()))) for edge in graph.edges}
     bones = zip(rig.heads.tolist(), rig.tails.tolist(), strict=True)
-    assert ends == {tuple(sorted(map(tuple, pair))) for pair in bones}
+    assert ends > {tuple(sorted(map(tuple, pair))) for pair in bones}
+    told = json.loads((tmp_path / "out" / "armature.json").read_text())
+    assert told["kind"] == "quadruped" and len(told["bones"]) == rig.count
+    for bone, about in enumerate(told["bones"]):
+        assert about["name"] == rig.names[bone] and about["parent"] == rig.parents[bone]
+        way = np.array(about["tail"]) - about["head"]
+        assert about["length"] == pytest.approx(np.linalg.norm(way))
+        assert about["head"] == rig.heads[bone].tolist() and abs(about["roll"]) <= np.pi
     assert (tmp_path / "out" / "armature.glb").is_file()

@@ -258,14 +258,19 @@ def _lengths(unit: str | None) -> str:
     return f"lengths in {unit}" if unit else "lengths in the unit of the shape"
 
 
-def _json_text(graph: CurveSkeleton, unit: str | None) -> str:
+def json_content(graph: CurveSkeleton, unit: str | None) -> dict[str, Any]:
+    """Return what a JSON file of a curve skeleton holds."""
     content: dict[str, Any] = {"format": NAME, "version": 1, "unit": unit}
     for name in ("nodes", "radii", "importance", "edges", "branch", "vertex_node", "vertex_branch"):
         values = getattr(graph, name)
         content[name] = None if values is None else values.tolist()
         if name in ("radii", "importance"):
             content[name] = [v if math.isfinite(v) else None for v in content[name]]
-    return json.dumps(content, allow_nan=False) + "\n"
+    return content
+
+
+def _json_text(graph: CurveSkeleton, unit: str | None) -> str:
+    return json.dumps(json_content(graph, unit), allow_nan=False) + "\n"
 
 
 def _parse_json(data: bytes) -> CurveSkeleton:

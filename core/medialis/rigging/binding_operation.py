@@ -15,12 +15,13 @@ from medialis.operations.positions import numbers, places
 from medialis.operations.result import Layer, Outcome, Result
 from medialis.rigging.armature import Armature, read_armature, write_armature_json, write_bvh
 from medialis.rigging.binding import BindOptions, Weighing, bind_weights
-from medialis.rigging.bones import Bones, bones
+from medialis.rigging.bones import Bones
 from medialis.rigging.operation import (
     BY_BONE,
     ArmatureRun,
     bones_layer,
     described,
+    named_bones,
     write_rigged_gltf,
 )
 from medialis.shape.shape import Shape
@@ -88,7 +89,7 @@ def _bones(shape: Shape, path: str, progress: Progress) -> Bones | Armature:
         return replace(found, heads=found.heads - away, tails=found.tails - away)
     options = ArmatureRun()
     curve, _ = described(shape, options, progress)
-    return bones.of(curve, options, progress)
+    return named_bones(curve, shape.up, options, progress)
 
 
 def _write_glb(path: Path, result: Result) -> None:

@@ -20,7 +20,15 @@ from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, length, number
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray, IntArray, Measures, Positions, frozen, hold
+from medialis.base.validation import (
+    Directions,
+    FloatArray,
+    IntArray,
+    Measures,
+    Positions,
+    frozen,
+    hold,
+)
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging.armature import Armature
 from medialis.rigging.limbs import (
@@ -82,6 +90,10 @@ class Bones(Bound):
         The curve skeleton that they lie along, with v nodes and e edges.
     given_names : tuple of str
         Names in the place of numbers.
+    kind : str
+        "biped" or "quadruped" where the bones are those of one (`figure_bones.py`), else "".
+    frame : (3, 3) float64 or None
+        Of a figure: the directions to its own left, ahead and up, unit rows.
     """
 
     heads: Positions
@@ -102,10 +114,12 @@ class Bones(Bound):
     node_places: FloatArray
     curve: CurveSkeleton = field(kw_only=True)
     given_names: tuple[str, ...] = field(default=(), kw_only=True)
+    kind: str = field(default="", kw_only=True)
+    frame: Directions | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
-            if name not in ("curve", "given_names"):
+            if name not in ("curve", "given_names", "kind") and value is not None:
                 kind = np.int32 if name in _WHOLE else np.float64
                 object.__setattr__(self, name, frozen(value, kind))
 
@@ -139,17 +153,23 @@ class Bones(Bound):
     @property
     def graph(self) -> CurveSkeleton:
         """The bones as a graph: a node at each joint, an edge for each bone, in their order."""
-        first = len(self.roots)  # the heads of the roots, then the tail of each bone
-        node = np.empty(self.count, np.int64)
-        node[self.roots] = np.arange(first)
         connected = self.connected
-        for bone, parent in enumerate(self.parents.tolist()):
-            if parent >= 0:  # a bone begins at an end of its parent, which comes before it
+        up = self.parents
+        free = (up < 0) | ~connected & (self.heads != self.heads[up]).any(axis=1)
+        first = int(free.sum())  # the heads of the roots and of free bones, then all tails
+        node = np.empty(self.count, np.int64)
+        node[free] = np.arange(first)
+        links = []
+        for bone, parent in enumerate(up.tolist()):
+            if not free[bone]:  # a bone begins at an end of its parent, which comes before it
                 node[bone] = first + parent if connected[bone] else node[parent]
+            elif parent >= 0:  # hips and shoulders of figures: joined to the head of the parent
+                links.append([node[parent], node[bone]])
+        own = np.stack([node, first + np.arange(self.count)], axis=1)
         return CurveSkeleton.of(
-            np.concatenate([self.heads[self.roots], self.tails]),
-            np.stack([node, first + np.arange(self.count)], axis=1),
-            np.concatenate([self.head_radii[self.roots], self.tail_radii]),
+            np.concatenate([self.heads[free], self.tails]),
+            np.concatenate([own, np.array(links, np.int64).reshape(-1, 2)]),
+            np.concatenate([self.head_radii[free], self.tail_radii]),
         )
 
     @property

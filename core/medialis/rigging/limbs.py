@@ -95,7 +95,7 @@ class Limb:
 
 def find_limbs(curve: CurveSkeleton, shortest: float) -> list[Limb]:
     """Return the limbs of the tree, those above first, twigs marked."""
-    limbs = _limbs(curve, *_tree(curve))
+    limbs = _limbs(curve, *shortest_tree(curve))
     _drop_twigs(curve, limbs, shortest)
     return limbs
 
@@ -108,7 +108,7 @@ def _roots(curve: CurveSkeleton) -> list[int]:
     return [best[number] for number in range(curve.component_count)]
 
 
-def _tree(curve: CurveSkeleton) -> tuple[IntArray, list[int]]:
+def shortest_tree(curve: CurveSkeleton) -> tuple[IntArray, list[int]]:
     """Return the node before each one on its shortest path from the root, -1 at roots."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra

@@ -1,18 +1,18 @@
-"""How bones are turned about themselves, and what rigs call them.
+"""How bones are turned about themselves, and what the bones of figures are called elsewhere.
 
-Bones bend about their own x axis (`roll_axes`). Names are those that rigs have: thigh.L as in
-Rigify, LeftUpLeg as in Mixamo.
+Bones bend about their own x axis (`roll_axes`, `rolls`). Names of the bones of a biped or quadruped
+(`figure_bones.py`) are translated into those of Rigify, Mixamo, Unreal and VRM by tables, word by
+word: other names are one more entry of `TARGETS` and a choice of the operation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from medialis.base.arrays import unit_rows
-from medialis.base.validation import FloatArray, IntArray
+from medialis.base.validation import FloatArray
 from medialis.rigging.bones import Bones
 
 BENT = 0.1
@@ -21,31 +21,14 @@ BENT = 0.1
 ALONG = 0.9
 """Cosine of the angle to the axis across the body from which on a straight limb points along it."""
 
-UP = np.array([0.0, 0.0, 1.0])
-
-LEG, ARM = ("thigh", "shin", "foot", "toe"), ("upper_arm", "forearm", "hand")
-
-LONG_LIMB = 0.5  # halved 62 %, doubled 89 %
-"""Share of the longest pair of limbs that arms and legs have at least; shorter ones may be ears."""
-
-GROUND = 0.25  # halved 0 %, doubled 22 %
-"""Share of the height within which all legs end."""
-
-SUFFIX = {1: ".L", 0: "", -1: ".R"}
-
-MIXAMO_LEG, MIXAMO_ARM = ("UpLeg", "Leg", "Foot", "ToeBase"), ("Shoulder", "Arm", "ForeArm", "Hand")
-MIXAMO_SIDE = {1: "Left", 0: "", -1: "Right"}
-MIXAMO = "mixamorig:"
-"""What all names of Mixamo's figures begin with."""
-
 
 def roll_axes(rig: Bones) -> FloatArray:
     """Return the z axis of each bone, (b, 3): unit, at right angles to the bone.
 
     All bones of a limb bend about the same axis, their x axis: that about which the limb is bent
-    already. A straight limb bends about the axis across the body, or about the vertical where it
-    points across the body itself. The axes of mirrored bones are mirror images, as the mirrored
-    poses of Blender want it.
+    already. A straight limb bends about the axis across the body, or about the vertical (z, of a
+    figure its own) where it points across the body itself. The axes of mirrored bones are mirror
+    images, as the mirrored poses of Blender want it.
 
     Examples
     --------
@@ -56,13 +39,14 @@ def roll_axes(rig: Bones) -> FloatArray:
     [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
     """
     along = unit_rows(rig.tails - rig.heads)
-    across = _across(rig)
+    across = _across(rig) if rig.frame is None else rig.frame[0]
+    up = np.array([0.0, 0.0, 1.0]) if rig.frame is None else rig.frame[2]
     axes = np.zeros((rig.count, 3))
     for limb in range(int(rig.limbs.max(initial=-1)) + 1):
         rows = np.flatnonzero(rig.limbs == limb)
         if rig.sides[rows[0]] >= 0:
             inside = rig.parents[rows[0]] >= 0
-            axes[rows] = _limb_axes(along[rows], across, inside)
+            axes[rows] = _limb_axes(along[rows], across, up, inside)
     if across is not None:
         right = np.flatnonzero(rig.sides < 0)
         seen = axes[rig.mirrors[right]]
@@ -81,7 +65,9 @@ def _across(rig: Bones) -> FloatArray | None:
     return np.asarray(apart / np.linalg.norm(apart)) if apart.any() else None
 
 
-def _limb_axes(along: FloatArray, across: FloatArray | None, inside: bool) -> FloatArray:
+def _limb_axes(
+    along: FloatArray, across: FloatArray | None, up: FloatArray, inside: bool
+) -> FloatArray:
     """Return the z axes of the bones of a limb, whose directions are (k, 3).
 
     The first one may lie inside what the limb hangs on: its bend is that of the hip.
@@ -93,8 +79,8 @@ def _limb_axes(along: FloatArray, across: FloatArray | None, inside: bool) -> Fl
         axis = bend
     elif across is not None and abs(whole @ across) < ALONG:
         axis = across
-    elif abs(whole @ UP) < ALONG:
-        axis = UP
+    elif abs(whole @ up) < ALONG:
+        axis = up
     else:
         axis = np.array([1.0, 0.0, 0.0])
     found = np.empty_like(along)
@@ -107,205 +93,122 @@ def _limb_axes(along: FloatArray, across: FloatArray | None, inside: bool) -> Fl
     return found
 
 
-@dataclass(frozen=True)
-class Figure:
-    """Which bones are what; of paired limbs the left ones.
+def rolls(rig: Bones) -> FloatArray:
+    """Return the roll of each bone as Blender has it, (b,) radians, where z is up.
 
-    Attributes
-    ----------
-    legs, arms : list of (k,) int32
-        The hind legs first; rows from the body on.
-    spine : list of int
-        From the hind legs to the head.
-    tail : (k,) int32
-        Empty where there is none.
-    others : list of (k,) int32
-    """
-
-    legs: list[IntArray]
-    arms: list[IntArray]
-    spine: list[int]
-    tail: IntArray
-    others: list[IntArray]
-
-    @classmethod
-    def of(cls, rig: Bones) -> Figure:
-        """Tell the limbs of an armature apart. Up is z.
-
-        Pairs of long limbs on the middle line that reach the ground are legs, others arms. The
-        bones from the hind legs to the head are the spine, the longest other limb in the middle
-        of what has legs is the tail.
-        """
-        numbers = range(int(rig.limbs.max(initial=-1)) + 1)
-        limbs = [np.flatnonzero(rig.limbs == k).astype(np.int32) for k in numbers]
-        head = _head(rig, limbs)
-        legs, arms = _legs_and_arms(rig, limbs)
-        place = rig.tails[head] if head >= 0 else np.zeros(3)
-        legs.sort(key=lambda rows: -float(np.linalg.norm(rig.heads[rows[0]] - place)))
-        up = _chain(rig, head)[::-1]
-        hind = _chain(rig, int(rig.parents[legs[0][0]])) if legs else []
-        spine = [*(bone for bone in hind if bone not in up), *up]
-        known = {int(rows[0]) for rows in (*legs, *arms)} | set(spine)
-        rest = [rows for rows in limbs if rig.sides[rows[0]] == 0 and int(rows[0]) not in known]
-        tail = np.empty(0, np.int32)
-        if rest and legs:
-            tail = max(rest, key=lambda rows: _length(rig, rows))
-        taken = np.array([*known, *tail, *(b for rows in (*legs, *arms) for b in rows)], int)
-        left = (rows[(rig.sides[rows] >= 0) & ~np.isin(rows, taken)] for rows in limbs)
-        others = [rows for rows in left if len(rows)]
-        return cls(legs, arms, spine, tail, others)
-
-
-def rigify_names(rig: Bones) -> tuple[str, ...]:
-    """Return names as Rigify's figures have them, one for each bone.
-
-    Up is z. Pairs of long limbs on the middle line that reach the ground are legs (thigh, shin,
-    foot, toe), others arms (upper_arm, forearm, hand). Of two pairs of legs the one nearer to the
-    head is the front one (front_thigh, ...). The bones from the hind legs to the head are the
-    spine, the longest other limb in the middle is the tail, and whatever is left a limb.
-
-    Parameters
-    ----------
-    rig : Bones
+    That of a bone whose z axis is the one of `roll_axes`: the angle from the axis that the shortest
+    turn of y to the bone gives.
 
     Examples
     --------
     >>> import medialis
-    >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [0, 0, 4]], [[0, 1]], [1, 1])
-    >>> rigify_names(medialis.bones(line, bone_length=0.5))
-    ('spine', 'spine.001')
+    >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [0, 4, 0]], [[0, 1]], [1, 1])
+    >>> rolls(medialis.bones(line)).round(6).tolist()
+    [1.570796]
     """
-    figure, named = Figure.of(rig), dict[int, str]()
-    for number, rows in enumerate(figure.legs):
-        front = f"front_{number:03d}_" if number > 1 else "front_" if number else ""
-        _name(named, rows, [front + word for word in LEG])
-    for number, rows in enumerate(figure.arms):
-        _name(named, rows, [f"{word}_{number:03d}" if number else word for word in ARM])
-    _name(named, figure.spine, ["spine"])
-    _name(named, figure.tail, ["tail"])
-    for number, rows in enumerate(figure.others):
-        _name(named, rows, [f"limb_{number:03d}"])
-    return _both_sides(rig, named, lambda word, side: word + SUFFIX[side])
-
-
-def mixamo_names(rig: Bones) -> tuple[str, ...]:
-    """Return names as Mixamo's figures have them, one for each bone.
-
-    Limbs are told apart as for `rigify_names`. The spine is Hips, Spine, Spine1, ... up to the
-    arms, then Neck and Head; legs are LeftUpLeg, LeftLeg, LeftFoot, LeftToeBase, arms LeftArm,
-    LeftForeArm, LeftHand, before them LeftShoulder where there are four bones. Of animals, the
-    legs nearest to the head are the arms. More pairs end in _2, _3; then there are Tail, Tail1
-    and Limb01, Limb01_1.
-
-    Parameters
-    ----------
-    rig : Bones
-
-    Examples
-    --------
-    >>> import medialis
-    >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [0, 0, 4]], [[0, 1]], [1, 1])
-    >>> mixamo_names(medialis.bones(line, bone_length=0.5))
-    ('mixamorig:Hips', 'mixamorig:Head')
-    """
-    figure, named = Figure.of(rig), dict[int, str]()
-    legs, arms = figure.legs, figure.arms
-    if not arms and len(legs) > 1:
-        legs, arms = legs[:-1], legs[-1:]
-    for words, limbs in ((MIXAMO_LEG, legs), (MIXAMO_ARM, arms)):
-        for number, rows in enumerate(limbs):
-            own = words[1:] if words is MIXAMO_ARM and len(rows) < len(words) else words
-            _name(named, rows, own, "{word}{beyond}")
-            for bone in rows.tolist() if number else ():
-                named[bone] += f"_{number + 1}"
-    below = _below_the_arms(rig, figure.spine, arms)
-    _name(named, figure.spine[:below], ["Hips", "Spine"], "{word}{beyond}")
-    _name(named, figure.spine[below:-1], ["Neck"], "{word}{beyond}")
-    _name(named, figure.spine[below:][-1:], ["Head"])
-    _name(named, figure.tail, ["Tail"], "{word}{beyond}")
-    for number, rows in enumerate(figure.others, 1):
-        _name(named, rows, [f"Limb{number:02d}"], "{word}_{beyond}")
-    return _both_sides(rig, named, lambda word, side: MIXAMO + MIXAMO_SIDE[side] + word)
-
-
-def _below_the_arms(rig: Bones, spine: list[int], arms: list[IntArray]) -> int:
-    """Return the number of bones of the spine up to the arms; without arms all but the head."""
-    most = max(len(spine) - 1, 1)
-    if not arms or not spine:
-        return most
-    # The spine is a chain, so a bone's upper end is the lower end of the next one.
-    ends = np.stack([rig.heads[spine], rig.tails[spine]], axis=1)
-    meets = (ends[:-1, 1, None] == ends[1:]).all(axis=2).any(axis=1)
-    upper = np.where(np.append(meets, True)[:, None], ends[:, 1], ends[:, 0])
-    away = np.linalg.norm(upper - rig.heads[arms[0][0]], axis=1)
-    return int(away.argmin()) + 1
-
-
-def _both_sides(
-    rig: Bones, named: dict[int, str], full: Callable[[str, int], str]
-) -> tuple[str, ...]:
-    """Return all names: right bones have the word of their mirror image."""
-    for bone in np.flatnonzero(rig.sides < 0).tolist():
-        named[bone] = named[int(rig.mirrors[bone])]
-    return tuple(full(named[bone], int(rig.sides[bone])) for bone in range(rig.count))
-
-
-def _name(
-    named: dict[int, str],
-    rows: Sequence[int] | IntArray,
-    words: Sequence[str],
-    more: str = "{word}.{beyond:03d}",
-) -> None:
-    """Name bones one after the other; the last word goes on with numbers."""
-    for place, bone in enumerate(map(int, rows)):
-        beyond = place - len(words) + 1
-        word = words[min(place, len(words) - 1)]
-        named[bone] = word if beyond <= 0 else more.format(word=word, beyond=beyond)
-
-
-def _length(rig: Bones, rows: IntArray) -> float:
-    return float(np.linalg.norm(rig.tails[rows] - rig.heads[rows], axis=1).sum())
-
-
-def _legs_and_arms(rig: Bones, limbs: list[IntArray]) -> tuple[list[IntArray], list[IntArray]]:
-    """Return the long left limbs that hang on the middle line: those that reach the ground."""
-    pairs = [
-        rows for rows in limbs
-        if rig.sides[rows[0]] > 0
-        and (rig.parents[rows[0]] < 0 or rig.sides[rig.parents[rows[0]]] == 0)
-    ]  # fmt: skip
-    longest = max((_length(rig, rows) for rows in pairs), default=0.0)
-    pairs = [rows for rows in pairs if _length(rig, rows) >= LONG_LIMB * longest]
-    heights = np.concatenate([rig.heads[:, 2], rig.tails[:, 2]])
-    ground = min((rig.tails[rows[-1], 2] for rows in pairs), default=0.0)
-    low = [rig.tails[rows[-1], 2] <= ground + GROUND * np.ptp(heights) for rows in pairs]
-    split = {leg: [rows for rows, is_leg in zip(pairs, low, strict=True) if is_leg == leg]
-             for leg in (True, False)}  # fmt: skip
-    return split[True], split[False]
-
-
-def _head(rig: Bones, limbs: list[IntArray]) -> int:
-    """Return the last bone of the thickest limb in the middle that leads on to no other one."""
-    above = set(rig.parents.tolist())
-    ends = [rows for rows in limbs if not rig.sides[_chain(rig, int(rows[-1]))].any()]
-    open_ends = [rows for rows in ends if int(rows[-1]) not in above] or ends
-    if not open_ends:
-        return -1
-    best = max(open_ends, key=lambda rows: float(rig.tail_radii[rows].mean()))
-    return int(best[-1])
-
-
-def _chain(rig: Bones, bone: int) -> list[int]:
-    """Return a bone and those that it hangs on, up to the root."""
-    found = []
-    while bone >= 0:
-        found.append(bone)
-        bone = int(rig.parents[bone])
+    along, wanted = unit_rows(rig.tails - rig.heads), roll_axes(rig)
+    found = np.zeros(rig.count)
+    for bone, (x, y, z) in enumerate(along.tolist()):
+        # The shortest turn of y to the bone takes z there; a bone along -y is turned about z.
+        if 1.0 + y < 1e-9:
+            rest = np.array([0.0, 0.0, 1.0])
+        else:
+            rest = np.array([-x * z / (1.0 + y), -z, 1.0 - z * z / (1.0 + y)])
+        sine = along[bone] @ np.cross(rest, wanted[bone])
+        found[bone] = np.arctan2(sine, rest @ wanted[bone])
     return found
 
 
-NAMINGS: dict[str, Callable[[Bones], tuple[str, ...]]] = {
-    "rigify": rigify_names,
-    "mixamo": mixamo_names,
+RIGIFY = {"hips": "spine", "spine": "spine.001", "chest": "spine.003", "neck": "spine.004",
+          "head": "spine.006"}  # fmt: skip
+"""Rigify's human has more bones in its spine; these are those of the same places."""
+
+MIXAMO = {
+    "hips": "Hips", "spine": "Spine", "chest": "Spine2", "neck": "Neck", "head": "Head",
+    "shoulder": "Shoulder", "upper_arm": "Arm", "forearm": "ForeArm", "hand": "Hand",
+    "thigh": "UpLeg", "shin": "Leg", "foot": "Foot", "toe": "ToeBase", "tail": "Tail",
+    "front_thigh": "Arm", "front_shin": "ForeArm", "front_foot": "Hand",
+    "front_toe": "HandMiddle1",
+}  # fmt: skip
+
+UNREAL = {
+    "hips": "pelvis", "spine": "spine_01", "chest": "spine_03", "neck": "neck_01", "head": "head",
+    "shoulder": "clavicle", "upper_arm": "upperarm", "forearm": "lowerarm", "hand": "hand",
+    "thigh": "thigh", "shin": "calf", "foot": "foot", "toe": "ball", "tail": "tail",
+    "front_thigh": "upperarm", "front_shin": "lowerarm", "front_foot": "hand",
+    "front_toe": "front_ball",
+}  # fmt: skip
+
+VRM = {
+    "hips": "hips", "spine": "spine", "chest": "chest", "neck": "neck", "head": "head",
+    "shoulder": "Shoulder", "upper_arm": "UpperArm", "forearm": "LowerArm", "hand": "Hand",
+    "thigh": "UpperLeg", "shin": "LowerLeg", "foot": "Foot", "toe": "Toes", "tail": "tail",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Target:
+    """How a program names the bones of figures.
+
+    Attributes
+    ----------
+    words : dict
+        By the words of this project; others stay as they are.
+    full : str
+        `{left}`: what is said of the side before the word, `{word}`, `{number}`: of the bones of a
+        tail, `{side}`: what is said of the side behind.
+    left, side : tuple of str
+        For left, none and right.
+    number : str
+        The number of a bone of a chain after the first, by `{k}`.
+    kinds : tuple of str
+        Figures that it has names for.
+    """
+
+    words: dict[str, str]
+    full: str = "{left}{word}{number}{side}"
+    left: tuple[str, str, str] = ("", "", "")
+    side: tuple[str, str, str] = ("", "", "")
+    number: str = "{k}"
+    kinds: tuple[str, ...] = ("biped", "quadruped")
+
+    def name(self, part: str) -> str:
+        """Return the name for a part: "thigh.L", "tail.001"."""
+        word, _, mark = part.partition(".")
+        row = {"L": 0, "R": 2}.get(mark, 1)
+        number = self.number.format(k=int(mark)) if mark.isdigit() else ""
+        return self.full.format(left=self.left[row], word=self.words.get(word, word),
+                                number=number, side=self.side[row])  # fmt: skip
+
+
+DOTS = (".L", "", ".R")
+
+TARGETS = {
+    "plain": Target({}, side=DOTS, number=".{k:03d}"),
+    "rigify": Target(RIGIFY, side=DOTS, number=".{k:03d}"),
+    "mixamo": Target(MIXAMO, full="mixamorig:{left}{word}{number}", left=("Left", "", "Right")),
+    "unreal": Target(UNREAL, side=("_l", "", "_r"), number="_{k:02d}"),
+    "vrm": Target(VRM, left=("left", "", "right"), number="{k}", kinds=("biped",)),
 }
 """Names by what they are like."""
+
+
+def target_names(rig: Bones, target: str) -> tuple[str, ...]:
+    """Return the names of the bones of a figure for a program, one for each bone.
+
+    Parameters
+    ----------
+    rig : Bones
+        Of a figure: `rig.kind` is not empty, its names are those of this project.
+    target : {"plain", "rigify", "mixamo", "unreal", "vrm"}
+        A program that has no names for figures of this kind gets the plain ones.
+
+    Examples
+    --------
+    >>> TARGETS["mixamo"].name("thigh.L"), TARGETS["unreal"].name("forearm.R")
+    ('mixamorig:LeftUpLeg', 'lowerarm_r')
+    """
+    wanted = TARGETS[target]
+    if rig.kind not in wanted.kinds:
+        wanted = TARGETS["plain"]
+    return tuple(wanted.name(part) for part in rig.names)

@@ -8,6 +8,7 @@ stored around its middle, and moved there by its nodes.
 
 from __future__ import annotations
 
+import json
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,11 +18,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import unit_rows
-from medialis.base.options import METERS, changed, choice
+from medialis.base.options import METERS, changed, choice, flag
 from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
+from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.from_balls import CurveSkeletonOptions
-from medialis.curves.operation import described, graph_formats
+from medialis.curves.operation import described, graph_formats, json_content
+from medialis.formats.files import complete_file
 from medialis.formats.gltf import TRIANGLES, VERTICES, Buffer, middle_of
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, place, places
@@ -35,10 +39,20 @@ from medialis.rigging.bones import (
     bones,
     skin_weights,
 )
-from medialis.rigging.naming import NAMINGS
+from medialis.rigging.figure_bones import figure_bones
+from medialis.rigging.naming import roll_axes, rolls, target_names
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import Preparation
+
+HALF = float(np.sqrt(0.5))
+
+UP_TO_Y: dict[str, tuple[FloatArray, list[float]]] = {
+    "x": (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), [0.0, 0.0, HALF, HALF]),
+    "y": (np.eye(3), []),
+    "z": (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), [-HALF, 0.0, 0.0, HALF]),
+}
+"""Turns of the axis that points up to y, as matrix and as quaternion (x, y, z, w)."""
 
 BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
 """How layers are shown."""
@@ -56,14 +70,23 @@ class ArmatureRun(Preparation):
     skin_smoothing: float = changed(SkinOptions, "skin_smoothing")
     smoothing: float = changed(CurveSkeletonOptions, "smoothing")
     candidates: float = changed(CurveSkeletonOptions, "candidates")
+    figures: bool = flag(
+        True,
+        "Figures",
+        "Give bipeds and quadrupeds the bones of their kind, with joints where bodies bend. What "
+        "is not clearly one gets bones by its shape alone, as everything does without this.",
+    )
     naming: str = choice(
-        "numbers",
+        "plain",
         "Names",
-        "What bones are called; for names of bodies, up is z.",
+        "What the bones of figures are called. All other bones are numbered.",
         {
+            "plain": "Names as people say them: hips, thigh.L, upper_arm.R.",
+            "rigify": "Names of Rigify's figures: spine, thigh.L, upper_arm.R.",
+            "mixamo": "Names of Mixamo's figures: mixamorig:Hips, mixamorig:LeftUpLeg.",
+            "unreal": "Names of Unreal's mannequin: pelvis, thigh_l, upperarm_r.",
+            "vrm": "Names of VRM's humanoid bones: hips, leftUpperLeg, rightUpperArm.",
             "numbers": "Bones are numbered: bone 000, bone 001, mirrored ones with .L and .R.",
-            "rigify": "Bones have the names of Rigify's figures: spine, thigh.L, upper_arm.R.",
-            "mixamo": "Bones have Mixamo's names: mixamorig:Hips, mixamorig:LeftUpLeg.",
         },
     )
 
@@ -73,10 +96,8 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     with progress.stage("curve", 0.0, 0.9):
         curve, _ = described(shape, options, progress)
     with progress.stage("weights", 0.9, 1.0):
-        rig = bones.of(curve, options, progress)
+        rig = named_bones(curve, shape.up, options, progress)
         whole = skin_weights.of(rig, options, progress)
-    if options.naming != "numbers":
-        rig = replace(rig, given_names=NAMINGS[options.naming](rig))
     n = shape.point_count  # a refined shape has the given points first
     skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n], rig=rig)
     if rig.cut:
@@ -93,12 +114,13 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         layers=(bones_layer(rig), _skin_layer(shape, skin)),
         values={
             "bones": rig.count,
+            "kind": rig.kind or None,
             "limbs": int(rig.limbs.max()) + 1,
             "mirrored": int((rig.mirrors >= 0).sum()),
             "roots": len(rig.roots),
             "cut_loops": rig.cut,
             "diagonal": shape.diagonal,
-            "bone_table": _table(rig),
+            "bone_table": _bone_table(rig),
         },
         arrays={
             "heads": places(rig.heads),
@@ -111,6 +133,37 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         },
         extras={"graph": curve, "bones": rig, "skin": skin},
     )
+
+
+def named_bones(
+    curve: CurveSkeleton, up: str | None, options: ArmatureRun, progress: Progress
+) -> Bones:
+    """Lay the bones of a figure along a curve skeleton, or bones by its shape alone."""
+    rig = _figure(curve, up, options, progress) or bones.of(curve, options, progress)
+    if not rig.kind:
+        return rig
+    names = () if options.naming == "numbers" else target_names(rig, options.naming)
+    return replace(rig, given_names=names)
+
+
+def _figure(
+    curve: CurveSkeleton, up: str | None, options: ArmatureRun, progress: Progress
+) -> Bones | None:
+    """Return the bones of a figure, and say what is not sure; None where there is none."""
+    if not options.figures:
+        return None
+    rig, doubt = run_patiently(lambda: figure_bones(curve, options.blend, up), progress)
+    if rig is not None:
+        progress.note(f"The bones are those of a {rig.kind}.", "figure", kind=rig.kind)
+        if options.naming == "vrm" and rig.kind == "quadruped":
+            text = "VRM has no names for quadrupeds: the bones have plain ones."
+            progress.note(text, "no_target_names", target="vrm")
+    elif doubt:
+        progress.note(f"{doubt} The bones are numbered.", "figure_unsure")
+    elif options.naming not in ("plain", "numbers"):
+        text = "The shape is not clearly a biped or quadruped: the bones are numbered."
+        progress.note(text, "no_figure")
+    return rig
 
 
 def bones_layer(rig: Bones | Armature) -> Layer:
@@ -135,8 +188,10 @@ def _skin_layer(shape: Shape, skin: SkinWeights) -> Layer:
     return Layer("skin", shape.points, shape.faces, attributes=fields, **shown)
 
 
-def _table(rig: Bones) -> list[dict[str, Any]]:
-    connected = rig.connected
+def _bone_table(rig: Bones) -> list[dict[str, Any]]:
+    """Return name, parent, head, tail, length and roll (radians) of each bone, and more."""
+    connected, turns = rig.connected, rolls(rig)
+    lengths = np.linalg.norm(rig.tails - rig.heads, axis=1)
     return [
         {
             "name": name,
@@ -145,6 +200,8 @@ def _table(rig: Bones) -> list[dict[str, Any]]:
             "mirror": int(rig.mirrors[bone]),
             "head": place(rig.heads[bone]),
             "tail": place(rig.tails[bone]),
+            "length": float(lengths[bone]),
+            "roll": float(turns[bone]),
             "connected": bool(connected[bone]),
         }
         for bone, name in enumerate(rig.names)
@@ -158,6 +215,7 @@ def write_rigged_gltf(
     skin: SkinWeights,
     *,
     unit: str | None = None,
+    up: str | None = None,
 ) -> None:
     """Write a mesh with its bones and weights as GLB.
 
@@ -172,6 +230,8 @@ def write_rigged_gltf(
         Of its vertices, with its bones.
     unit : str, optional
         What one unit of the points is; metres when unknown.
+    up : {"x", "y", "z"}, optional
+        The axis that points up: the nodes at the top turn it to y, which is up in glTF.
 
     Raises
     ------
@@ -197,7 +257,10 @@ def write_rigged_gltf(
     indices = store.add(surface.faces.astype(np.uint32).ravel(), TRIANGLES)
     inverse = np.linalg.inv(frames).transpose(0, 2, 1).astype(np.float32)  # columns come first
     inverse[:, :, 3] = [0, 0, 0, 1]
-    place = {"translation": (scale * middle).tolist()} if middle.any() else {}
+    turn, rotation = UP_TO_Y.get(up or "y", UP_TO_Y["y"])
+    place = {"translation": (turn @ (scale * middle)).tolist()} if middle.any() else {}
+    if rotation:
+        place["rotation"] = rotation
     nodes, children = _nodes(rig, frames, scale)
     top, mesh = len(nodes), len(nodes) + 1
     nodes.append({"name": "armature", **place, "children": children})
@@ -216,9 +279,10 @@ def write_rigged_gltf(
 def bone_frames(rig: Bones | Armature) -> FloatArray:
     """Return the place of each bone: its head, and axes of which y runs along it, (b, 4, 4)."""
     y = unit_rows(rig.tails - rig.heads, instead=[0.0, 1.0, 0.0])
-    # The axis that is farthest from the bone makes the turn round it definite.
+    z = roll_axes(rig) if isinstance(rig, Bones) else np.zeros_like(y)
+    # A bone without a length has no such axis: the one that is farthest from it makes it definite.
     least = np.eye(3)[np.abs(y).argmin(axis=1)]
-    z = unit_rows(np.cross(least, y))
+    z = unit_rows(z - (z * y).sum(axis=1)[:, None] * y, 1e-9, unit_rows(np.cross(least, y)))
     frames = np.tile(np.eye(4), (rig.count, 1, 1))
     frames[:, :3, 0], frames[:, :3, 1], frames[:, :3, 2] = np.cross(y, z), y, z
     frames[:, :3, 3] = rig.heads
@@ -285,11 +349,24 @@ def _write_rig(path: Path, result: Result) -> None:
     count = len(skin.bones)  # a refined shape has the given points first
     given = next(layer for layer in result.layers if layer.role == "skin")
     surface, normals = Surface.of_checked(given.points, given.faces), result.shape.normals[:count]
-    write_rigged_gltf(path, surface, normals, skin, unit=result.shape.unit)
+    shape = result.shape
+    write_rigged_gltf(path, surface, normals, skin, unit=shape.unit, up=shape.up)
+
+
+def _write_bones(path: Path, result: Result) -> None:
+    """Write the graph of the bones as JSON, and with it the bones themselves."""
+    rig, shape = result.extras["bones"], result.shape
+    told = {"kind": rig.kind or None, "up": shape.up, "bones": result.values["bone_table"]}
+    content = json_content(rig.graph, shape.unit) | told
+    with complete_file(path) as stream:
+        stream.write((json.dumps(content, allow_nan=False) + "\n").encode("ascii"))
 
 
 RIG_FORMATS = (
-    *graph_formats(lambda result: result.extras["bones"].graph),
+    *(
+        replace(kind, write=_write_bones) if kind.name == "json" else kind
+        for kind in graph_formats(lambda result: result.extras["bones"].graph)
+    ),
     Format("glb", _write_rig, "skin", unasked=True),
 )
 """The graph is the one that the bones lie along: its loops are cut."""
