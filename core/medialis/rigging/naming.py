@@ -104,7 +104,7 @@ def rolls(rig: Bones) -> FloatArray:
     >>> import medialis
     >>> line = medialis.CurveSkeleton.of([[0, 0, 0], [0, 4, 0]], [[0, 1]], [1, 1])
     >>> rolls(medialis.bones(line)).round(6).tolist()
-    [1.570796]
+    [-1.570796]
     """
     along, wanted = unit_rows(rig.tails - rig.heads), roll_axes(rig)
     found = np.zeros(rig.count)
