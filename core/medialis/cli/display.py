@@ -202,6 +202,7 @@ FILES = {
     ".json": "the graph with all that it holds",
     ".obj": "the graph as lines, for modelling programs",
     ".glb": "the shape with its bones and skin weights, for animation programs",
+    ".bvh": "the bones as a rest pose, for animation programs",
     ".html": "the result to turn round, for the browser",
 }
 """What a file is for, by its name or its ending."""
