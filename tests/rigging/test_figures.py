@@ -191,3 +191,14 @@ def test_a_head_that_is_a_ball_is_a_head():
     rig = medialis.run("armature", figure.shape).extras["bones"]
     score = known_figures.scored(figure, rig)
     assert score.recognised and not score.wrong and score.off["head tail"] < 3.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("resolution", [56, 60, 72])
+def test_no_bone_leaves_the_box_of_its_shape(resolution):
+    """One ball of a wrong normal, as large as the shape, drew the tail of the creature out of it."""
+    shape = medialis.organic_shape(resolution)
+    rig = medialis.run("armature", shape).extras["bones"]
+    joints = np.concatenate([rig.heads, rig.tails])
+    low, high = shape.bounds
+    assert (np.minimum(joints - low, high - joints) > -1e-3 * shape.diagonal).all()

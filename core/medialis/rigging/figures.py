@@ -37,6 +37,9 @@ ALIKE_LENGTHS = 0.3  # halved 0 %, doubled 0 %
 ROUND, MOST_ROUND = 0.6, 2  # halved 0.7 %, doubled 0 %; halved 0 %, doubled 0 %
 """Radius of a round part without a curve, of the largest of the curve skeleton; so many get one."""
 
+LEAVING = 0.1
+"""Share of its radius by which rounding may take a ball out of the box of its shape."""
+
 ROUND_NODES = 8  # halved 0 %, doubled 0 %
 """Nodes of such a curve."""
 
@@ -284,7 +287,11 @@ def with_round_parts(curve: CurveSkeleton) -> CurveSkeleton:
     if cloud is None or own is None or len(curve.edges) == 0:
         return curve
     balls = cloud.subset(cloud.valid)
-    large = balls.radii >= ROUND * float(curve.radii.max())
+    low, high = cloud.surface.bounds
+    room = np.minimum(balls.centers - low, high - balls.centers).min(axis=1)
+    # A ball that leaves the box of the shape is none of its inside: its sample has a wrong normal.
+    fits = room >= (1.0 - LEAVING) * balls.radii
+    large = fits & (balls.radii >= ROUND * float(curve.radii.max()))
     centers, radii = balls.centers[large], balls.radii[large]
     all_centers = kd_tree(balls.centers)
     points = cloud.surface.points[: len(own)]
