@@ -196,7 +196,7 @@ def test_a_head_that_is_a_ball_is_a_head():
 @pytest.mark.slow
 @pytest.mark.parametrize("resolution", [56, 60, 72])
 def test_no_bone_leaves_the_box_of_its_shape(resolution):
-    """One ball of a wrong normal, as large as the shape, drew the tail of the creature out of it."""
+    """One ball of a wrong normal, as large as the shape, drew the creature's tail out of it."""
     shape = medialis.organic_shape(resolution)
     rig = medialis.run("armature", shape).extras["bones"]
     joints = np.concatenate([rig.heads, rig.tails])
