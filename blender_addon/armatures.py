@@ -143,10 +143,13 @@ def hand_over(armature: bpy.types.Object, source: Source, path: str | Path) -> N
     write_armature_json(path, Armature(*ends, parents, tuple(rows)), source.unit)
 
 
-def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeights) -> list[str]:
-    """Write one vertex group a bone, of its name; what is in groups of these names is replaced.
+def write_weights(
+    place: bpy.types.Object, names: Sequence[str], skin: SkinWeights, *, overwrite: bool
+) -> list[str]:
+    """Write one vertex group a bone, of its name; vertices with the same weight together.
 
-    Vertices with the same weight are added together.
+    A group that has the name already is overwritten where that is asked for, as for the bones of
+    the user's armature, which find it by its name; else the new one gets another name.
 
     Returns
     -------
@@ -161,7 +164,7 @@ def write_weights(place: bpy.types.Object, names: Sequence[str], skin: SkinWeigh
     groups, added = [], []
     everything = list(range(len(place.data.vertices)))
     for name in names:
-        group = place.vertex_groups.get(name)
+        group = place.vertex_groups.get(name) if overwrite else None
         if group is None:
             group = place.vertex_groups.new(name=name)
             added.append(group.name)

@@ -235,11 +235,17 @@ def _add_skin(
     rig = run.rig
     assert rig is not None and place is not None
     weights = rig.weights if place.rows is None else armatures.own_weights(rig.weights, place.rows)
-    names = armatures.write_weights(place.object, rig.bones.names, weights)
+    of_user = not isinstance(rig.bones, Bones)
+    names = armatures.write_weights(place.object, rig.bones.names, weights, overwrite=of_user)
     if place.object == run.chosen:
         run.record.groups |= {key: [] for key in names}
     if armature is not None:
         armatures.attach(place.object, armature, run.changes)
+    elif run.options.bind and rig.layer is None:
+        raise InvalidShapeError(
+            "The bones of a file are no armature object: import it and select it with the object, "
+            "or do not bind."
+        )
     elif run.options.bind:
         armatures.require_unbound(place.object)
         armatures.bind(place.object, made[rig.layer.name], run.changes)

@@ -6,6 +6,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
 from blender_scenes import add_mesh, evaluated, groups_of, read_back
+from medialis.hosts import write_armature_json
 
 
 def add_armature(name, bones, matrix=None):
@@ -139,3 +140,31 @@ def test_without_an_armature_the_bones_are_those_of_the_shape(scene):
     armature = chosen.find_armature()
     assert armature is not None and len(armature.data.bones) > 10
     assert {bone.name for bone in armature.data.bones} >= set(groups_of(chosen))
+
+
+def test_groups_of_the_user_with_names_of_bones_that_are_ours_stay(scene):
+    """Also those with the names that ours get where theirs are taken."""
+    made = medialis.organic_shape(56)
+    names = medialis.run("armature", made).extras["bones"].names
+    chosen = add_mesh("creature", made.points, made.faces)
+    for name in (names[0], f"medialis {names[1]}"):
+        chosen.vertex_groups.new(name=name).add([3, 4], 0.5, "REPLACE")
+    select(chosen)
+    assert bpy.ops.medialis.armature() == {"FINISHED"}
+    groups = groups_of(chosen)
+    assert groups[names[0]] == [3, 4] and groups[f"medialis {names[1]}"] == [3, 4]
+    assert f"medialis {names[0]}" in groups
+
+
+def test_bones_of_a_file_are_weighed_and_cannot_be_bound(rod, tmp_path):
+    chosen, _ = rod
+    write_armature_json(
+        tmp_path / "a.json", medialis.Armature([[0, 0, -1]], [[0, 0, 1]], [-1]), None
+    )
+    select(chosen)
+    options = {"armature": str(tmp_path / "a.json")}
+    with pytest.raises(RuntimeError, match="no armature object"):
+        bpy.ops.medialis.bind(bind=True, **options)
+    assert set(groups_of(chosen)) == {"mine", "upper"} and not chosen.modifiers
+    assert bpy.ops.medialis.bind(**options) == {"FINISHED"}
+    assert set(groups_of(chosen)) == {"mine", "upper", "bone 000"}
