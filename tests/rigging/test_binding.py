@@ -1,5 +1,7 @@
 """Weights for any armature: closed form, invariants, an oracle on a finer grid, broken meshes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse import coo_array
@@ -8,6 +10,7 @@ from scipy.spatial import cKDTree
 
 import medialis
 from medialis.rigging.armature import write_armature_json
+from medialis.rigging.operation import RIG_FORMATS, RIGGED
 from medialis.shape.generate import implicit_shape
 
 RADIUS = 0.25
@@ -181,6 +184,24 @@ def test_far_from_the_origin_a_file_of_bones_lies_where_it_says(tmp_path):
     far = medialis.run("bind", (points + away, faces), armature=tmp_path / "far.json")
     assert np.abs(far.arrays["skin_weights"] - near.arrays["skin_weights"]).max() < 1e-4
     assert np.abs(far.arrays["heads"] - moved.heads).max() < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("up", "unit"), [("x", "mm"), ("y", None), ("z", "in"), (None, "cm")])
+def test_files_of_armature_are_bound_again_where_they_were(tmp_path, up, unit):
+    """glTF is in metres, with y up: its bones lay beside a part in millimetres with z up."""
+    shape = replace(medialis.make_shape(*rod(rings=31, around=16)), up=up, unit=unit)
+    made = medialis.run("armature", shape, bone_length=0.3)
+    for kind in RIG_FORMATS:
+        if kind.name in ("glb", "json"):
+            path = tmp_path / f"armature.{kind.name}"
+            kind.write(path, made)
+            found = medialis.run("bind", shape, armature=path)
+            assert found.values["bone_names"] == list(made.extras["bones"].names)
+            assert np.abs(found.arrays["heads"] - made.arrays["heads"]).max() < 1e-5
+            RIGGED.write(tmp_path / "bind.glb", found)
+            again = medialis.read_armature(tmp_path / "bind.glb", unit=unit, up=up)
+            assert np.abs(again.heads - made.arrays["heads"]).max() < 1e-5
 
 
 def broken_rods(points, faces):

@@ -30,6 +30,15 @@ BYTE, SHORT, INDEX, FLOAT = 5121, 5123, 5125, 5126
 VERTICES, TRIANGLES = 34962, 34963
 """What a part of the buffer is for."""
 
+HALF = float(np.sqrt(0.5))
+
+UP_TO_Y: dict[str, tuple[FloatArray, list[float]]] = {
+    "x": (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), [0.0, 0.0, HALF, HALF]),
+    "y": (np.eye(3), []),
+    "z": (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), [-HALF, 0.0, 0.0, HALF]),
+}
+"""Turns of the axis that points up to y, which is up in glTF: matrix, quaternion (x, y, z, w)."""
+
 _CODES = {np.dtype(np.uint8): BYTE, np.dtype(np.uint16): SHORT, np.dtype(np.uint32): INDEX,
           np.dtype(np.float32): FLOAT}  # fmt: skip
 _SHAPES = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,10 @@ import numpy as np
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
+from medialis.base.options import METERS, unit_name
 from medialis.base.validation import FloatArray, IntArray, Positions, frozen
 from medialis.formats.files import complete_file, file_bytes, reading
+from medialis.formats.gltf import UP_TO_Y
 
 LARGEST = 10_000
 """Bones that a file may have."""
@@ -89,14 +91,21 @@ class Armature(Bound):
         return frozen(np.flatnonzero(self.parents < 0), np.int32)
 
 
-def read_armature(path: str | os.PathLike[str]) -> Armature:
-    """Read the bones of a file, in its own coordinates and unit.
+def read_armature(
+    path: str | os.PathLike[str], *, unit: str | None = None, up: str | None = None
+) -> Armature:
+    """Read the bones of a file.
 
     Parameters
     ----------
     path : path
         glTF (.glb, .gltf) with a skin, BVH, or JSON with a list ``bones``, each with ``name``,
         ``parent`` (a name, a number, or null), ``head`` and ``tail``.
+    unit : str, optional
+        What one unit of the shape is that the bones are for: glTF is in metres, JSON in its
+        ``unit``. Where one of both is unknown, numbers stay as they are.
+    up : {"x", "y", "z"}, optional
+        The axis of the shape that points up: in glTF it is y. BVH says neither.
 
     Returns
     -------
@@ -128,16 +137,25 @@ def read_armature(path: str | os.PathLike[str]) -> Armature:
         data = file_bytes(name)
         ending = Path(name).suffix.lower()
         if ending in (".glb", ".gltf"):
-            return _of_gltf(data)
+            return _placed(_of_gltf(data), "m", unit, UP_TO_Y[up or "y"][0])
         if ending == ".bvh":
             return _of_bvh(data)
-        return _of_json(data)
+        found, own = _of_json(data)
+        return _placed(found, own, unit, np.eye(3))
 
 
-def _of_json(data: bytes) -> Armature:
+def _placed(found: Armature, own: str | None, unit: str | None, turn: FloatArray) -> Armature:
+    """Return an armature in another unit, where both are known, and turned back."""
+    scale = METERS[own] / METERS[unit] if own and unit else 1.0
+    ends = scale * (found.heads @ turn), scale * (found.tails @ turn)
+    return replace(found, heads=ends[0], tails=ends[1])
+
+
+def _of_json(data: bytes) -> tuple[Armature, str | None]:
+    """Return the bones, and their unit if it is told."""
     try:
         content = json.loads(data)
-        bones = content["bones"]
+        bones, unit = content["bones"], unit_name(str(content.get("unit")))
         names = [str(bone["name"]) for bone in bones]
         rows = {name: row for row, name in enumerate(names)}
         parents = [-1 if (up := bone["parent"]) is None else up if type(up) is int else rows[up]
@@ -148,7 +166,7 @@ def _of_json(data: bytes) -> Armature:
             "it is no armature: expected JSON with a list bones, each with name, parent, head and "
             f"tail ({type(error).__name__}: {error})."
         ) from None
-    return Armature(ends[0], ends[1], np.array(parents, np.int32), tuple(names))
+    return Armature(ends[0], ends[1], np.array(parents, np.int32), tuple(names)), unit
 
 
 def _of_gltf(data: bytes) -> Armature:

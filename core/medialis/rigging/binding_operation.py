@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,20 +11,19 @@ from medialis.base.options import file
 from medialis.base.progress import Progress
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, places
-from medialis.operations.result import Layer, Outcome, Result
+from medialis.operations.result import Layer, Outcome
 from medialis.rigging.armature import Armature, read_armature, write_armature_json, write_bvh
 from medialis.rigging.binding import BindOptions, Weighing, bind_weights
 from medialis.rigging.bones import Bones
 from medialis.rigging.operation import (
     BY_BONE,
+    RIGGED,
     ArmatureRun,
     bones_layer,
     described,
     named_bones,
-    write_rigged_gltf,
 )
 from medialis.shape.shape import Shape
-from medialis.shape.surface import Surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,9 +45,9 @@ def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
     with progress.stage("weights", 0.4, 1.0):
         weighing = BindOptions.taken_from(options, armature=rig)
         skin = bind_weights.of(shape, weighing, progress)
-    used = np.unique(skin.bones[skin.bones >= 0])
-    if len(used) < rig.count:
-        idle = [name for bone, name in enumerate(rig.names) if bone not in set(used.tolist())]
+    moving = np.isin(np.arange(rig.count), skin.bones)
+    if not moving.all():
+        idle = [name for name, moves in zip(rig.names, moving, strict=True) if not moves]
         shown = ", ".join(idle[:3]) + (", ..." if len(idle) > 3 else "")
         text = f"{len(idle)} of {rig.count} bones move nothing: {shown}."
         progress.note(text, "idle_bones", bones=len(idle), of=rig.count)
@@ -66,7 +64,7 @@ def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
         values={
             "bones": rig.count,
             "vertices": shape.point_count,
-            "moving_bones": len(used),
+            "moving_bones": int(moving.sum()),
             "diagonal": shape.diagonal,
             "bone_names": list(rig.names),
         },
@@ -77,26 +75,19 @@ def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
             "skin_bones": skin.bones,
             "skin_weights": numbers(skin.weights),
         },
-        extras={"bones": rig, "skin": skin},
+        extras={"bones": rig, "skin": replace(skin, rig=rig)},
     )  # fmt: skip
 
 
 def _bones(shape: Shape, path: str, progress: Progress) -> Bones | Armature:
     """Read the bones of a file, or lay them along the curve skeleton."""
     if path:
-        found = read_armature(path)
-        away = shape.__dict__.get("offset", 0.0)
-        return replace(found, heads=found.heads - away, tails=found.tails - away)
+        found = read_armature(path, unit=shape.unit, up=shape.up)
+        ends = found.heads - shape.offset, found.tails - shape.offset
+        return replace(found, heads=ends[0], tails=ends[1])
     options = ArmatureRun()
     curve, _ = described(shape, options, progress)
     return named_bones(curve, shape.up, options, progress)
-
-
-def _write_glb(path: Path, result: Result) -> None:
-    given = result.layers[0]
-    surface = Surface.of_checked(given.points, given.faces)
-    skin = replace(result.extras["skin"], rig=result.extras["bones"])
-    write_rigged_gltf(path, surface, result.shape.normals, skin, unit=result.shape.unit)
 
 
 OPERATION = Operation(
@@ -119,7 +110,7 @@ OPERATION = Operation(
     needs_faces=True,
     thin_lines=True,
     formats=(
-        Format("glb", _write_glb, "skin", unasked=True),
+        RIGGED,
         Format("json", lambda path, result: write_armature_json(
             path, result.extras["bones"], result.shape.unit), "bones"),
         Format("bvh", lambda path, result: write_bvh(path, result.extras["bones"]), "bones"),

@@ -26,7 +26,7 @@ from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.from_balls import CurveSkeletonOptions
 from medialis.curves.operation import described, graph_formats, json_content
 from medialis.formats.files import complete_file
-from medialis.formats.gltf import TRIANGLES, VERTICES, Buffer, middle_of
+from medialis.formats.gltf import TRIANGLES, UP_TO_Y, VERTICES, Buffer, middle_of
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import numbers, place, places
 from medialis.operations.result import Layer, Outcome, Result
@@ -44,15 +44,6 @@ from medialis.rigging.naming import roll_axes, rolls, target_names
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import Preparation
-
-HALF = float(np.sqrt(0.5))
-
-UP_TO_Y: dict[str, tuple[FloatArray, list[float]]] = {
-    "x": (np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), [0.0, 0.0, HALF, HALF]),
-    "y": (np.eye(3), []),
-    "z": (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), [-HALF, 0.0, 0.0, HALF]),
-}
-"""Turns of the axis that points up to y, as matrix and as quaternion (x, y, z, w)."""
 
 BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
 """How layers are shown."""
@@ -257,7 +248,7 @@ def write_rigged_gltf(
     indices = store.add(surface.faces.astype(np.uint32).ravel(), TRIANGLES)
     inverse = np.linalg.inv(frames).transpose(0, 2, 1).astype(np.float32)  # columns come first
     inverse[:, :, 3] = [0, 0, 0, 1]
-    turn, rotation = UP_TO_Y.get(up or "y", UP_TO_Y["y"])
+    turn, rotation = UP_TO_Y[up or "y"]
     place = {"translation": (turn @ (scale * middle)).tolist()} if middle.any() else {}
     if rotation:
         place["rotation"] = rotation
@@ -362,12 +353,14 @@ def _write_bones(path: Path, result: Result) -> None:
         stream.write((json.dumps(content, allow_nan=False) + "\n").encode("ascii"))
 
 
+RIGGED = Format("glb", _write_rig, "skin", unasked=True)
+
 RIG_FORMATS = (
     *(
         replace(kind, write=_write_bones) if kind.name == "json" else kind
         for kind in graph_formats(lambda result: result.extras["bones"].graph)
     ),
-    Format("glb", _write_rig, "skin", unasked=True),
+    RIGGED,
 )
 """The graph is the one that the bones lie along: its loops are cut."""
 
