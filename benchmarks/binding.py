@@ -18,6 +18,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import medialis
 
@@ -107,7 +108,7 @@ def posed_points(points, heads, parents, weights, rng):
     places = []
     for head, parent in zip(heads, parents, strict=True):
         axis, angle = rng.normal(size=3), LARGEST * rng.uniform(-1, 1)
-        turn = medialis_turn(axis / np.linalg.norm(axis), angle)
+        turn = Rotation.from_rotvec(angle * axis / np.linalg.norm(axis)).as_matrix()
         own = np.eye(4)
         own[:3, :3], own[:3, 3] = turn, head - turn @ head
         places.append(own if parent < 0 else places[parent] @ own)
@@ -115,13 +116,6 @@ def posed_points(points, heads, parents, weights, rng):
     rest = weights.sum(axis=1)
     here = np.einsum("nij,nj->ni", moved[:, :3, :3], points) + moved[:, :3, 3]
     return here + (1 - rest)[:, None] * points
-
-
-def medialis_turn(axis, angle):
-    """Return the rotation about a unit axis (Rodrigues)."""
-    x, y, z = axis
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
 
 
 def main(python, names):

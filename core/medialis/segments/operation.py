@@ -262,7 +262,7 @@ def _nearest(places: list[list[float]], shape: Shape) -> Index:
         return np.empty(0, np.int64)
     if not np.isfinite(places).all():
         raise InvalidOptionError("Points of seeds must be finite numbers.")
-    return shape.tree.query(np.array(places))[1].astype(np.int64)
+    return shape.tree.query(np.array(places) - shape.offset)[1].astype(np.int64)
 
 
 MEAN_SHIFT_SEGMENTS = Operation(
