@@ -173,6 +173,22 @@ def test_a_quadruped_has_front_legs_where_its_head_is():
     assert np.median(list(score.off.values())) < 2.0
 
 
+@pytest.mark.slow
+def test_a_head_that_looks_aside_ends_at_its_nose():
+    """The end of its bone was laid into the middle of the body, and so out of a turned head."""
+    dog = known_figures.quadruped("dog", "standing")
+    points, neck = np.array(dog.shape.points), dog.bones["head"][0]
+    size, off = np.ptp(points[:, 1]), points - neck
+    turn = np.radians(50) * np.clip(0.5 - off[:, 1] / (0.06 * size), 0, 1)
+    turn *= off[:, 2] > -0.25 * size
+    points[:, 0] = neck[0] + np.cos(turn) * off[:, 0] - np.sin(turn) * off[:, 1]
+    points[:, 1] = neck[1] + np.sin(turn) * off[:, 0] + np.cos(turn) * off[:, 1]
+    rig = medialis.run("armature", medialis.make_shape(points, dog.shape.faces)).extras["bones"]
+    assert rig.kind == "quadruped"
+    tip = rig.tails[list(rig.names).index("head")]
+    assert np.linalg.norm(points - tip, axis=1).min() < 0.015 * size
+
+
 def test_names_of_programs_are_distinct_and_say_the_side():
     rig, _ = figure_bones(stick(PERSON, 1.0), 1.0)
     for target in TARGETS:

@@ -42,6 +42,9 @@ BESIDE_LEGS = 0.22  # halved 0.7 %, doubled 1 %
 HEAD_DOWN = 1.15
 """Distance of the joint of the head from its middle, in its radii."""
 
+FRONT = 0.1
+"""Share of its length that is the front of a head."""
+
 BALL = 0.64  # halved 0 %, doubled 0 %
 """Share of the foot up to the toes."""
 
@@ -369,7 +372,7 @@ def _level(
 def _snout(
     curve: CurveSkeleton, figure: Figure, pose: _Pose, joint: FloatArray, end: FloatArray
 ) -> FloatArray:
-    """Return the tip of the head: where its surface is farthest ahead, ears left aside."""
+    """Return the tip of the head: ahead of the middle of its front, wherever the head is turned."""
     surface, own = curve.surface, curve.vertex_node
     if surface is None or own is None:
         return end
@@ -379,8 +382,9 @@ def _snout(
         return end
     points = surface.points[rows]
     way = unit_rows(pose.ahead - 0.4 * pose.up)
-    tip = points[int(((points - joint) @ way).argmax())]
-    return np.asarray(tip - ((tip - joint) @ pose.left) * pose.left)
+    reach = (points - joint) @ way
+    front = reach >= reach.max() - FRONT * np.ptp(reach)
+    return np.asarray(points[front].mean(axis=0) + (reach.max() - reach[front].mean()) * way)
 
 
 def _tail(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> Chain:
