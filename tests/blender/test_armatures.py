@@ -148,7 +148,7 @@ def test_failures_change_nothing(creature, scene, monkeypatch):
     chosen = add_mesh("creature", points, faces)
     chosen.vertex_groups.new(name="bone 000").add([1], 1.0, "REPLACE")
 
-    def broken(*_):
+    def broken(*_, **__):
         raise medialis.InvalidShapeError("It broke.")
 
     for name in ("write_weights", "bind", "_add_bones"):
