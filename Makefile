@@ -36,7 +36,7 @@ CHECK_PYTHON = $(PYTHON) -c 'import sys; v = sys.version_info[:2]; \
 MAKE_VENV = $(RUN) -m pip --version >/dev/null 2>&1 \
 	|| { $(CHECK_PYTHON) && $(PYTHON) -m venv $(VENV); }
 
-.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender blender-repository meshlab-plugin meshlab-plugins kernels viewer bench accuracy pictures site dist test-dist clean
+.PHONY: demo test test-fast test-blender fuzz bounds check hosts blender blender-repository meshlab-plugin meshlab-plugins kernels viewer bench guard accuracy pictures site dist test-dist clean
 
 # The stamps are older than pyproject.toml exactly when its dependencies may have changed.
 $(VENV)/installed: pyproject.toml
@@ -114,6 +114,10 @@ check: $(VENV)/installed-dev
 
 bench: $(VENV)/installed-dev
 	$(RUN) benchmarks/surface_skeleton.py
+
+# Whole operations beside those of the last release: GUARD="--against COMMIT --limit 1.5".
+guard: $(VENV)/installed-dev
+	$(RUN) benchmarks/guard.py $(GUARD)
 
 accuracy: $(VENV)/installed-dev
 	$(RUN) benchmarks/accuracy.py --write

@@ -114,7 +114,7 @@ def clean_clouds(seed=0):
     return {
         "coarse sphere": sphere(200),
         "sphere": sphere(3000),
-        "dense sphere": sphere(50000),
+        "dense sphere": sphere(30000),
         "sphere, evenly sampled": even(20000),
         "small dense sphere beside a coarse one": np.concatenate([sphere(3000), dense]),
         "30 small spheres": np.concatenate(small),
@@ -124,7 +124,7 @@ def clean_clouds(seed=0):
         "cube": np.concatenate(cube),
         "laser room, 2 degrees": laser_room(2.0, 0.0)[0],
         "laser room, 1 degree": laser_room(1.0, 0.0)[0],
-        "laser room, 1 degree, 2.5 mm": laser_room(1.0, 0.0025)[0],
+        "laser room, 2 degrees, 2.5 mm": laser_room(2.0, 0.0025)[0],
         "laser room, 1 degree, 1 cm": laser_room(1.0, 0.01)[0],
     }
 

@@ -94,10 +94,11 @@ def test_the_plain_shapes_are_closed(mesh):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("files", 80), ("shapes", 9), ("defaults", 8), ("disk", 1), ("calls", 1), ("attackers", 6)],
+    [("files", 80), ("shapes", 9), ("defaults", 8), ("disk", 1), ("calls", 1), ("attackers", 5)],
 )
 def test_some_cases_of_each_kind(name, count, tmp_path, capsys):
-    code = main(["--kinds", name, "--count", str(count), "--output", str(tmp_path)])
+    seed = "1" if name == "calls" else "0"  # a single run, and not a batch
+    code = main(["--kinds", name, "--count", str(count), "--seed", seed, "--output", str(tmp_path)])
     assert code == 0, capsys.readouterr().out
 
 

@@ -37,15 +37,16 @@ def attempt(operation, shape, **options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("distance", [1e3, 1e5, 1e6, 1e7, 1e9])
-@pytest.mark.parametrize("operation", OPERATIONS)
+@pytest.mark.parametrize("distance", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize("operation", [name for name in OPERATIONS if name != "medial_mesh"])
 def test_bodies_far_apart(operation, distance):
-    """At 1e6 a medial mesh corrupted memory: a body without balls was given some (fixed)."""
     attempt(operation, box_and_ball(distance))
 
 
 @pytest.mark.slow
 def test_a_body_without_balls_is_told():
+    """At 1e6 a medial mesh corrupted memory: a body without balls was given some (fixed)."""
+    attempt("medial_mesh", box_and_ball(1e3))
     result = attempt("medial_mesh", box_and_ball(1e6))
     told = {message.code: message for message in result.messages}
     assert told["parts_without_balls"].data == {"lost": 1, "parts": 2}
