@@ -95,10 +95,16 @@ def _sides_of(patches: list[Patch], balls: FloatArray) -> tuple[Index, FloatArra
 def most_within(balls: FloatArray, patches: list[Patch], count: int) -> float:
     """Return the spacing with the most balls up to `count`; inf where only vertices are balls."""
     _, lengths, _ = _sides_of(patches, balls)
+    largest_first = sorted(patches, key=lambda one: -float(np.prod(np.ptp(one.flat, axis=0))))
 
     def number(spacing: float) -> int:
-        between = int((np.maximum(np.rint(lengths / spacing), 1) - 1).sum())
-        return len(balls) + between + sum(len(one.within(spacing)) for one in patches)
+        """Return how many balls, or of too many the first that are too many."""
+        found = len(balls) + int((np.maximum(np.rint(lengths / spacing), 1) - 1).sum())
+        for one in largest_first:
+            if found > count:
+                break
+            found += len(one.within(spacing))
+        return found
 
     high = 2.0 * float(lengths.max())
     low, best, most = high / np.sqrt(4.0 * count), np.inf, len(balls)

@@ -235,8 +235,8 @@ NEIGHBOURS = 32  # halved 0 %, doubled 0 %
 OPPOSITE = -0.5  # halved 0 %, doubled 0 %
 """Largest cosine between the normals of two sides: walls that taper by less than 60 degrees."""
 
-FEW_ROWS = 8  # halved 0 %, doubled 0 %
-"""Samples whose neighbours are found among all others sooner than a tree of these is built."""
+FEW_DISTANCES = 4_000_000
+"""Neighbours of so many samples times all are found sooner than the tree of scipy is loaded."""
 
 
 DEFAULT_TOLERANCE = 3e-4  # halved 98 %, doubled 77 %
@@ -334,7 +334,7 @@ def _close_behind(shape: Shape, rows: IntArray, tolerance: float) -> Mask:
 def _nearest(shape: Shape, rows: IntArray, count: int) -> Index:
     """Return the nearest samples of some, themselves among them, (q, count)."""
     points = shape.points
-    if len(rows) > FEW_ROWS:
+    if len(rows) * len(points) > FEW_DISTANCES:
         return np.asarray(shape.tree.query(points[rows], k=np.arange(1, count + 1))[1])
     near = np.empty((len(rows), count), np.int64)
     for at, row in enumerate(rows):
