@@ -134,7 +134,11 @@ def find_planes(surface: Surface, crease: float) -> IntArray:
     first, second, bends = first[use], second[use], surface.edge_bends[use]
     regions = _regions(surface, first, second, bends)
     rows = np.flatnonzero(bends <= crease)
+    least = OF_A_PART * regions.area.sum()
     needed, may = _may_tell(regions, first[rows], second[rows])
+    may &= regions.flat
+    if regions.area[may].sum() < least:  # whatever their borders tell
+        return frozen(np.full(surface.face_count, -1), np.int32)
     rows = rows[needed]
     borders = _borders(surface, regions, first[rows], second[rows], bends[rows])
     wide = _widths(regions, borders, surface)
@@ -143,9 +147,9 @@ def find_planes(surface: Surface, crease: float) -> IntArray:
     rounded = np.bincount(borders.one, borders.length, count)
     amiss = np.bincount(borders.one[fails], borders.length[fails], count)
     sure = _never_by_chance(regions, borders)
-    plane = may & regions.flat & (amiss <= AMISS * rounded * sure)
+    plane = may & (amiss <= AMISS * rounded * sure)
     plane &= (rounded > 0) | (regions.count > 1)
-    plane &= regions.area[plane].sum() >= OF_A_PART * regions.area.sum()
+    plane &= regions.area[plane].sum() >= least
     number = np.where(plane, np.cumsum(plane) - 1, -1)[regions.label]
     number[surface.flat_faces] = -1
     return frozen(number, np.int32)

@@ -78,24 +78,25 @@ class _Needles:
 
 def needles(surface: Surface, planes: IntArray) -> tuple[Mask, FloatArray]:
     """Tell the faces that are needles and in no plane, (m,), and the squares of longest sides."""
-    sides = surface.points[np.asarray(surface.faces)]
-    sides = np.roll(sides, -1, axis=1) - sides
-    longest = np.einsum("fja,fja->fj", sides, sides).max(axis=1)
+    one, two, three = (surface.points[column] for column in np.asarray(surface.faces).T)
+    longest = np.zeros(len(one))
+    for side in (two - one, three - two, one - three):
+        np.maximum(longest, np.einsum("fa,fa->f", side, side), out=longest)
     needle = (longest > 2.0 * NEEDLE * surface.face_areas) & (planes < 0)
     return needle & (surface.face_areas > 0), longest
 
 
 def _between_needles(surface: Surface, planes: IntArray) -> _Needles:
     first, second, opposite = surface.edge_table.pairs
-    sides = surface.points[np.asarray(surface.faces)]
-    sides = np.roll(sides, -1, axis=1) - sides
-    square = np.einsum("fja,fja->fj", sides, sides)
     needle, _ = needles(surface, planes)
     one, two = first // 3, second // 3
     rows = np.flatnonzero(needle[one] & needle[two] & opposite & (surface.edge_bends > LEAST_BEND))
-    one, two = one[rows], two[rows]
-    straight = [unit_rows(sides[face, square[face].argmax(axis=1)]) for face in (one, two)]
-    return _Needles(rows, unit_rows(sides[one, first[rows] % 3]), *straight)
+    corners = [surface.points[np.asarray(surface.faces)[face[rows]]] for face in (one, two)]
+    sides = [np.roll(places, -1, axis=1) - places for places in corners]
+    longest = [np.einsum("fja,fja->fj", side, side).argmax(axis=1) for side in sides]
+    every = np.arange(len(rows))
+    straight = [unit_rows(side[every, turn]) for side, turn in zip(sides, longest, strict=True)]
+    return _Needles(rows, unit_rows(sides[0][every, first[rows] % 3]), *straight)
 
 
 def is_part(surface: Surface, planes: IntArray, ruled: NDArray[np.int64]) -> bool:
