@@ -81,7 +81,7 @@ MOST_GROWTH = 8  # halved 0 %, doubled 0 %
 TURNING = ("refine", "tolerance", "threshold", "candidates")
 """Options that are lengths."""
 
-SPREADS = 4.0
+SPREADS = 4.0  # halved 100 %, doubled 100 %
 """Times the spread of its area that a shape is large: its diagonal, as the mean of real shapes."""
 
 Turning = TypeVar("Turning", bound=Options)
