@@ -95,13 +95,16 @@ def prune(
         The ball of the graph that stays which is nearest to each ball along the links; -1 for none.
     """
     stays = np.ones(len(balls), bool)
+    growth, known = GraphTree(links._replace(cost=links.length)), np.zeros(len(balls), bool)
     while True:
         rows = np.flatnonzero(stays)
         rows = rows[prune_spurs(graph.subset(stays), links.widths[balls[rows]])]
         stays = np.isin(np.arange(len(balls)), rows)
-        growth = GraphTree(links._replace(cost=links.length))
-        growth.add(balls[rows].tolist())
-        nearest = growth.base
+        if known.any():
+            growth.drop(balls[known & ~stays])
+        else:
+            growth.add(balls[rows].tolist())
+        known, nearest = stays.copy(), growth.base
         if importance is None or areas is None:
             return stays, nearest
         area = np.bincount(nearest[nearest >= 0], areas[nearest >= 0], len(links.radii))
