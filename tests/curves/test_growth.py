@@ -89,6 +89,18 @@ def test_the_search_agrees_with_scipy_also_when_sources_are_added():
         assert way[-1] == grown.base[ball] and steps.sum() == pytest.approx(grown.path[ball])
 
 
+@pytest.mark.parametrize("gone", [[50], [50, 60, 7], [3, 50, 60, 7]])
+def test_a_graph_without_some_balls_is_as_if_they_had_never_been_in_it(gone):
+    """No two ways are as long here, so the answer is the same to the last digit."""
+    links, nodes = random_links(), [3, 50, 60, 7, 100]
+    grown, never = GraphTree(links), GraphTree(links)
+    grown.add(nodes)
+    grown.drop(np.array(gone))
+    never.add([node for node in nodes if node not in gone])
+    for name in ("spent", "path", "parent", "base"):
+        assert np.array_equal(getattr(grown, name), getattr(never, name)), name
+
+
 def solid_angles(points, triangles, places):
     """Solid angle of a surface seen from places, in turns of 4 pi (Van Oosterom and Strackee)."""
     a, b, c = np.moveaxis(points[triangles][None] - places[:, None, None], 2, 0)

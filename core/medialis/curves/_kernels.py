@@ -114,20 +114,9 @@ class SpanningSurface(NamedTuple):
 
 
 @kernel
-def spread_from_tree(sources, links, spent, path, parent, base):
-    """Dijkstra's search from new sources: the cheapest path of each ball to the tree so far.
-
-    `spent` is the cost of that path, `parent` the next ball on it, `path` its length, `base` where
-    it ends. They come with the answer for the sources before (inf and -1 at first), so that only
-    balls that the new sources serve better are visited. A ball enters the heap at most once
-    for each of its links in one search, which bounds its size.
-    """
+def _spread(keys, names, size, links, spent, path, parent, base):
+    """Dijkstra's search from the balls in a heap, which have their costs."""
     offsets, neighbours = links.offsets, links.neighbours
-    room, size = len(neighbours) + len(sources), 0
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    for v in sources:
-        spent[v], path[v], parent[v], base[v] = 0.0, 0.0, -1, v
-        size = push(keys, names, size, 0.0, v)
     while size > 0:
         size = pop(keys, names, size)
         here, v = keys[size], names[size]
@@ -140,6 +129,43 @@ def spread_from_tree(sources, links, spent, path, parent, base):
                 spent[w], path[w] = there, path[v] + links.length[link]
                 parent[w], base[w] = v, base[v]
                 size = push(keys, names, size, there, w)
+
+
+@kernel
+def spread_from_tree(sources, links, spent, path, parent, base):
+    """Dijkstra's search from new sources: the cheapest path of each ball to the tree so far.
+
+    `spent` is the cost of that path, `parent` the next ball on it, `path` its length, `base` where
+    it ends. They come with the answer for the sources before (inf and -1 at first), so that only
+    balls that the new sources serve better are visited. A ball enters the heap at most once
+    for each of its links in one search, which bounds its size.
+    """
+    room, size = len(links.neighbours) + len(sources), 0
+    keys, names = np.empty(room), np.empty(room, np.int32)
+    for v in sources:
+        spent[v], path[v], parent[v], base[v] = 0.0, 0.0, -1, v
+        size = push(keys, names, size, 0.0, v)
+    _spread(keys, names, size, links, spent, path, parent, base)
+
+
+@kernel
+def spread_into(lost, links, spent, path, parent, base):
+    """Find anew the cheapest paths of balls that lost theirs, as `spread_from_tree` has them.
+
+    All others keep their path. The search begins at those beside lost ones: each enters the heap
+    once for each lost one it is linked to, besides.
+    """
+    offsets, neighbours = links.offsets, links.neighbours
+    room, size = 2 * len(neighbours), 0
+    keys, names = np.empty(room), np.empty(room, np.int32)
+    for v in lost:
+        spent[v], path[v], parent[v], base[v] = np.inf, np.inf, -1, -1
+    for v in lost:
+        for link in range(offsets[v], offsets[v + 1]):
+            w = neighbours[link]
+            if spent[w] < np.inf:
+                size = push(keys, names, size, spent[w], w)
+    _spread(keys, names, size, links, spent, path, parent, base)
 
 
 @kernel

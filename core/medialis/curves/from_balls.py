@@ -81,7 +81,7 @@ MOST_GROWTH = 8  # halved 0 %, doubled 0 %
 TURNING = ("refine", "tolerance", "threshold", "candidates")
 """Options that are lengths."""
 
-SPREADS = 4.0
+SPREADS = 4.0  # halved 100 %, doubled 100 %
 """Times the spread of its area that a shape is large: its diagonal, as the mean of real shapes."""
 
 Turning = TypeVar("Turning", bound=Options)
@@ -331,13 +331,37 @@ def _linked(
 ) -> BallLinks:
     """Link near balls, and those of neighbouring samples, within each component."""
     cloud, surface = measured.cloud, measured.cloud.surface
-    needed = [(ends[:, 0], ends[:, 1:]) for ends in (surface.edges, cloud.features[cloud.valid])]
+    across = _across_creases(cloud)
+    needed = [
+        (ends[:, 0], ends[:, 1:]) for ends in (surface.edges, cloud.features[cloud.valid], across)
+    ]
     closeness = np.maximum(2 * np.nan_to_num(measured.spread) - 1, 0)
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
     balls = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii), closeness
     links = [(rows, rows[others]) for rows, others in near], needed
     groups, spacing = np.where(cloud.valid, surface.components, -1), surface.spacing
     return link_balls(*balls, *links, spacing=spacing, widths=measured.widths, groups=groups)
+
+
+def _across_creases(cloud: MedialCloud) -> Index:
+    """Pair the balls on both sides of convex creases (p, 2).
+
+    A sample on a crease has the ball at its edge, which lies at the surface. Where prisms follow
+    each other all that joins two of them may be such samples: the largest ball beside stands for
+    each of them, or a graph goes along the surface.
+    """
+    edges = np.asarray(cloud.surface.edges)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    off = cloud.valid & (cloud.features[:, 0] != cloud.features[:, 1])
+    stands, radii = np.where(off, np.arange(len(cloud)), -1), np.nan_to_num(cloud.radii)
+    while True:
+        here, there = both[(stands[both[:, 0]] < 0) & (stands[both[:, 1]] >= 0)].T
+        if len(here) == 0:
+            break
+        order = np.argsort(radii[stands[there]], kind="stable")
+        stands[here[order]] = stands[there[order]]  # the largest one is the last
+    pairs = stands[edges]
+    return pairs[(pairs != edges).any(axis=1) & (pairs[:, 0] != pairs[:, 1]) & (pairs[:, 0] >= 0)]
 
 
 def turning(shape: Shape, options: Turning, progress: Progress) -> Turning:

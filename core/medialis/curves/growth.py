@@ -187,6 +187,15 @@ class GraphTree:
         sources = np.array(balls, np.int32)
         spread_from_tree(sources, self.links, self.spent, self.path, self.parent, self.base)
 
+    def drop(self, balls: Index) -> None:
+        """Make nodes of the graph balls like others; only paths that ended there are found anew."""
+        from medialis.curves._kernels import spread_into
+
+        gone = np.zeros(len(self.base) + 1, bool)  # one more row: no base
+        gone[balls] = True
+        lost = np.flatnonzero(gone[self.base]).astype(np.int32)
+        spread_into(lost, self.links, self.spent, self.path, self.parent, self.base)
+
     def with_branch(self, tip: int) -> GraphTree:
         """Return a copy with the cheapest path of a ball as a branch."""
         other = self.copy()
