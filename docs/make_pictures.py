@@ -527,6 +527,21 @@ def curve_options() -> Image:
     return _sheet(results, captions)
 
 
+def centerline() -> Image:
+    """Draw the lines of an open tube that forks, and of the creature."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+    from tubes import FORK, segment, tube
+
+    shape = tube([segment([0, 0, 0], 3 * one) for one in FORK], 0.4, 0.1)
+    ends = (shape.points[shape.faces].mean(axis=1) @ FORK.T > 2.9).any(axis=1)
+    opened = medialis.make_shape(shape.points, shape.faces[~ends], repair=True)
+    shown = [
+        medialis.run("centerline", opened),
+        medialis.run("centerline", medialis.organic_shape(120)),
+    ]
+    return _sheet(shown, ["an open tube", "a closed shape"], 2)
+
+
 def curve_comparison() -> Image:
     """Five shapes: curve skeletons from the surface skeleton above, from views below."""
     shapes = [medialis.organic_shape(120), *_tubes(), _wheel()]
@@ -775,7 +790,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         medial_mesh, medial_mesh_balls, medial_mesh_sheets,
         midsurface, importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
-        curve_options, curve_comparison, view_curve_skeleton,
+        curve_options, curve_comparison, centerline, view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, limbs, parts,
         parts_as_seen, manifolds, skeleton_manifolds, remove_outliers, mean_shift_segments,
     )

@@ -6,7 +6,7 @@ import pytest
 import clouds
 import medialis
 from medialis.operations.positions import near_origin
-from medialis.segments.operation import _nearest
+from medialis.skeleton.layers import vertices_in_file
 
 
 @pytest.fixture(scope="module")
@@ -119,12 +119,14 @@ def test_seeds_from_files(arch, tmp_path):
     assert fewer.values["segments"] == 2
 
 
-def test_places_of_seeds_far_from_the_origin_are_those_of_the_file():
+def test_places_of_seeds_far_from_the_origin_are_those_of_the_file(tmp_path):
     """The shape is computed near the origin: all seeds were the vertex that lay nearest to it."""
     shape, away = medialis.organic_shape(56), np.array([3e7, -5e6, 0.0])
     near = near_origin(medialis.make_shape(shape.points + away, shape.faces))
     places = (shape.points[[5, 900]] + away).tolist()
-    assert _nearest(places, near).tolist() == [5, 900]
+    picked = tmp_path / "seeds.txt"
+    picked.write_text("".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in places))
+    assert vertices_in_file(str(picked), near, "no seed").tolist() == [5, 900]
 
 
 @pytest.mark.parametrize(

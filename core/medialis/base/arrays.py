@@ -87,10 +87,12 @@ LONGEST_TEXT = 160
 
 
 def _described(name: str, value: Any) -> str:
-    """Say what a field holds: the size of an array, the names of a mapping, else the value."""
+    """Say what a field holds: numbers of three, the size of an array, names of a mapping, or it."""
     if value is None or isinstance(value, Described):
         return ""
     if isinstance(value, np.ndarray):
+        if value.shape == (3,):  # a place, a direction
+            return f"{name} ({', '.join(f'{v:.6g}' for v in value.tolist())})"
         return f"{name} {' x '.join(map(str, value.shape))}"
     if isinstance(value, Mapping):
         return f"{name}: {', '.join(map(str, value))}" if value else ""

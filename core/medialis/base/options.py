@@ -36,7 +36,7 @@ from typing import Any, Generic, ParamSpec, Protocol, Self, TypeVar, cast, overl
 
 import numpy as np
 
-from medialis.base.errors import InvalidOptionError
+from medialis.base.errors import InvalidOptionError, no_option
 from medialis.base.kept import kept
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.validation import as_choice, as_number, as_whole_number
@@ -597,10 +597,8 @@ def algorithm(
         def public(data: Input, /, *args: P.args, **kwargs: P.kwargs) -> Found:
             unknown = sorted(set(kwargs) - {f.name for f in fields(chosen)})
             if unknown:
-                known = ", ".join(p.name for p in chosen.parameters())
-                raise TypeError(
-                    f"{compute.__name__} has no option {', '.join(unknown)}; it has {known}."
-                )
+                known = (p.name for p in chosen.parameters())
+                raise TypeError(no_option(compute.__name__, unknown, known))
             given = options(*args, **kwargs)
             progress = Progress.of(given.progress)
             data = data if door is None else door(data, progress)

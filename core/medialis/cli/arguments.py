@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from medialis.base.errors import InvalidOptionError
+from medialis.base.errors import InvalidOptionError, nearest
 from medialis.base.validation import AXES
 from medialis.cli.display import STYLES, say
 from medialis.operations.names import named_operations
@@ -78,18 +77,6 @@ class _Parser(argparse.ArgumentParser):
                 "--help)"
             )
         return given
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """Return a question that names the most similar known word, or nothing.
-
-    Examples
-    --------
-    >>> nearest("thicknes", ["thickness", "parts"])
-    '; did you mean thickness?'
-    """
-    close = difflib.get_close_matches(word, list(known), n=1)
-    return f"; did you mean {close[0]}?" if close else ""
 
 
 class _Version(argparse.Action):

@@ -33,6 +33,7 @@ from medialis.base.errors import (
     InvalidOptionError,
     InvalidShapeError,
     MedialisError,
+    nearest,
 )
 from medialis.cli.arguments import (
     EXIT_BAD_INPUT,
@@ -44,7 +45,6 @@ from medialis.cli.arguments import (
     SHOWN,
     add_completions,
     build_parser,
-    nearest,
     number,
     with_dashes,
     with_method,

@@ -182,6 +182,8 @@ FILES = {
     "report.json": "the same for programs",
     ".npz": "all arrays, for numpy.load",
     ".png": "picture",
+    "centerline.lines.vtp": "the lines cut at forks, for the Vascular Modeling Toolkit",
+    "centerline.csv": "the places along each line as a table, for spreadsheets",
     ".vtp": "the same as the PLY file of that name, for ParaView",
     ".vtu": "the same as the PLY file of that name, for ParaView and solvers",
     "midsurface.obj": "the sheets, for modelling programs",

@@ -392,6 +392,13 @@ def size_share(shape: Shape) -> float:
     return SPREADS * float(np.sqrt(weights @ square))
 
 
+def limb_balls(shape: Shape, options: Options, progress: Progress) -> tuple[MedialCloud, float]:
+    """Return the balls of a mesh whose limbs have enough samples, and their tolerance."""
+    sampled = functools.partial(with_limbs_sampled, progress=progress)
+    surface, tolerance = prepared(shape, Preparation.taken_from(options), progress, sampled)
+    return _balls(surface, options, progress, tolerance), tolerance
+
+
 def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> CurveSkeleton:
     """Compute the curve skeleton of a mesh, refined where handles have no loop.
 
@@ -410,9 +417,8 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
     """
     options = turning(shape, options, progress)
     with progress.stage("skeleton", 0.0, 0.2):
-        sampled = functools.partial(with_limbs_sampled, progress=progress)
-        surface, tolerance = prepared(shape, Preparation.taken_from(options), progress, sampled)
-        cloud = _balls(surface, options, progress, tolerance)
+        cloud, tolerance = limb_balls(shape, options, progress)
+        surface = cloud.surface
     with progress.stage("curve skeleton", 0.2, 0.7):
         best = curve_skeleton.of(cloud, options, progress)
     most = max(MOST_SAMPLES, MOST_GROWTH * cloud.surface.point_count)

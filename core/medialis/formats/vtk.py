@@ -8,7 +8,7 @@ Attributes of any number of columns are kept, int64 and NaN as well.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -72,7 +72,7 @@ class _File:
         self.vertices = np.arange(own, dtype=np.int64)[:, None]
         n, m = len(self.points), len(self.triangles)
         self._at_points = {k: as_column(k, v, n) for k, v in layer.attributes.items()}
-        self._at_cells = {
+        self.at_cells = {
             k: self._behind_others(as_column(k, v, m)) for k, v in layer.face_attributes.items()
         }
         self._show = layer.color_by
@@ -108,7 +108,7 @@ class _File:
         one = self._show in given and given[self._show].ndim == 1
         first = f" Scalars={quoteattr(str(self._show))}" if one else ""
         inside = [f"<PointData{first}>", *self.add(given), "</PointData>"]
-        return [*inside, "<CellData>", *self.add(self._at_cells), "</CellData>"]
+        return [*inside, "<CellData>", *self.add(self.at_cells), "</CellData>"]
 
     def write(self, path: str | os.PathLike[str], kind: str, elements: Iterable[str]) -> None:
         """Write a file of a kind of VTK's: its elements, and the numbers behind them."""
@@ -154,6 +154,44 @@ def write_vtp(path: str | os.PathLike[str], layer: Drawn) -> None:
         ends = rows.shape[1] * np.arange(1, len(rows) + 1, dtype=np.int64)
         columns = {"connectivity": rows.ravel(), "offsets": ends}
         inside += [f"<{name}>", *file.add(columns), f"</{name}>"]
+    file.write(path, "PolyData", [*inside, *file.values(), "</Piece>"])
+
+
+def write_lines_vtp(
+    path: str | os.PathLike[str],
+    layer: Drawn,
+    lines: Sequence[NDArray[Any]],
+    at_lines: Mapping[str, ArrayLike],
+) -> None:
+    """Write polylines through the points of a layer as a .vtp file.
+
+    Parameters
+    ----------
+    path : path
+    layer : Drawn
+        Its points and their attributes.
+    lines : sequence of (k,) int
+        Points along each line, a cell each; k >= 2.
+    at_lines : dict of (l,) or (l, d)
+        Values of the cells.
+
+    Raises
+    ------
+    InvalidOptionError
+        When an attribute has another number of rows, or holds no numbers.
+    FileError
+        When the file cannot be written.
+    """
+    file = _File(layer)
+    about = f'NumberOfPoints="{len(file.points)}" NumberOfLines="{len(lines)}"'
+    none = 'NumberOfVerts="0" NumberOfStrips="0" NumberOfPolys="0"'
+    columns = {
+        "connectivity": np.concatenate([np.asarray(line, np.int64) for line in lines]),
+        "offsets": np.cumsum([len(line) for line in lines], dtype=np.int64),
+    }
+    inside = [f"<Piece {about} {none}>", *file.places()]
+    inside += ["<Lines>", *file.add(columns), "</Lines>"]
+    file.at_cells = {name: as_column(name, v, len(lines)) for name, v in at_lines.items()}
     file.write(path, "PolyData", [*inside, *file.values(), "</Piece>"])
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.arrays import Described
-from medialis.base.errors import InvalidOptionError
+from medialis.base.errors import InvalidOptionError, no_option
 from medialis.base.options import Kind, Options, Parameter
 from medialis.base.progress import Progress
 from medialis.operations.names import LAST
@@ -166,9 +166,7 @@ class Operation(Described):
         names = [p.name for p in self.parameters]
         unknown = sorted(set(given) - set(names))
         if unknown:
-            raise InvalidOptionError(
-                f"{self.name} has no option {', '.join(unknown)}; it has {', '.join(names)}."
-            )
+            raise InvalidOptionError(no_option(self.name, unknown, names))
         return self.options(**given)
 
     def describe(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import time
 from dataclasses import fields, replace
 from typing import Any
 
-from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.errors import InvalidOptionError, InvalidShapeError, nearest
 from medialis.base.kept import kept
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import thread_limit
@@ -70,8 +70,10 @@ def operation(name: str) -> Operation:
     for candidate in every:
         if name in (candidate.name, candidate.name.replace("_", "-"), candidate.filter_name):
             return candidate
-    known = ", ".join(candidate.name for candidate in every)
-    raise InvalidOptionError(f"There is no operation {name!r}; there are {known}.")
+    known = [candidate.name for candidate in every]
+    near = nearest(name, known)
+    there = f"{near} There are" if near else "; there are"
+    raise InvalidOptionError(f"There is no operation {name!r}{there} {', '.join(known)}.")
 
 
 def run(

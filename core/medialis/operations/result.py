@@ -16,11 +16,15 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Described
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import AREAS, LENGTHS, RADIANS, Kind, with_unit
+from medialis.base.progress import counted
 from medialis.base.validation import Positions, as_faces, as_points
 from medialis.operations.positions import Listed, Place, of_array
 from medialis.shape.shape import Shape
 
 _PARTS = ("_min", "_median", "_max")
+
+LAYERS_TOLD = 2
+"""Layers that the text of a result tells the sizes of."""
 
 WORDS = {
     "a3_points": "rim points",
@@ -310,6 +314,11 @@ class Layer(Described):
                 f"Layer {self.name} has no attribute {', '.join(sorted(wanted - known))}."
             )
 
+    def __repr__(self) -> str:
+        parts = [self.name, *layer_sizes(self)]
+        names = [*self.attributes, *self.face_attributes]
+        return f"Layer({', '.join(parts)}{': ' if names else ''}{', '.join(names)})"
+
     @property
     def hidden(self) -> NDArray[np.bool_]:
         """Which points (p,) a slider at `filter_default` hides; none where that is 0."""
@@ -317,6 +326,18 @@ class Layer(Described):
         if values is None or self.filter_default == 0.0:
             return np.zeros(len(self.points), bool)
         return np.asarray(values) < self.filter_unit.attribute(self.filter_default)
+
+
+def layer_sizes(layer: Layer) -> list[str]:
+    """Return how many points, triangles and edges a layer has, in words.
+
+    Examples
+    --------
+    >>> layer_sizes(Layer("ends", np.zeros((2, 3)), edges=np.array([[0, 1]], np.int32)))
+    ['2 points', '1 edge']
+    """
+    rows = (("point", layer.points), ("triangle", layer.faces), ("edge", layer.edges))
+    return [counted(len(values), word) for word, values in rows if values is not None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -390,6 +411,13 @@ class Result(Outcome, Described):
     parameters: Mapping[str, Any] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Say the operation, the unit, and the sizes of the first layers."""
+        sizes = [f"{one.name} ({', '.join(layer_sizes(one))})" for one in self.layers[:LAYERS_TOLD]]
+        more = [f"{len(self.layers) - LAYERS_TOLD} more layers"] * (len(self.layers) > LAYERS_TOLD)
+        unit = f"in {self.shape.unit}" if self.shape.unit else "unit unknown"
+        return f"Result({', '.join([self.operation, unit, *sizes, *more])})"
 
     @property
     def title(self) -> str:

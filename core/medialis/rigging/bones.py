@@ -18,7 +18,7 @@ from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm, length, number
-from medialis.base.progress import Progress
+from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import (
     Directions,
@@ -50,6 +50,9 @@ LEAST_WEIGHT = 0.01  # halved 0.2 %, doubled 0.5 %
 
 AT_ONCE = 16  # halved 0 %, doubled 0 %
 """Bones whose weights are solved for together: the factors are read once for all of them."""
+
+NAMES_TOLD = 6
+"""Names of bones in their text."""
 
 _WHOLE = ("parents", "limbs", "mirrors", "sides", "edge_limbs", "node_limbs")
 
@@ -122,6 +125,12 @@ class Bones(Bound):
             if name not in ("curve", "given_names", "kind") and value is not None:
                 kind = np.int32 if name in _WHOLE else np.float64
                 object.__setattr__(self, name, frozen(value, kind))
+
+    def __repr__(self) -> str:
+        kind = f", a {self.kind}" if self.kind else ""
+        first = ", ".join(self.names[:NAMES_TOLD])
+        rest = ", ..." if self.count > NAMES_TOLD else ""
+        return f"Bones({counted(self.count, 'bone')}{kind}: {first}{rest})"
 
     @property
     def count(self) -> int:

@@ -9,17 +9,14 @@ Operation: segments of a surface by mean shift of its medial cloud (thesis 5.3).
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from medialis.base.arrays import Index
-from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, file
 from medialis.base.progress import Progress
-from medialis.formats.files import number_lines
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import numbers
 from medialis.operations.result import Outcome
@@ -38,7 +35,7 @@ from medialis.skeleton.layers import (
     segmentation_outcome,
     summary,
     surface_layers,
-    vertices_of_input,
+    vertices_in_file,
 )
 from medialis.skeleton.surface_skeleton import Preparation
 
@@ -207,7 +204,10 @@ def run_mean_shift_segments(
     shape: Shape, options: MeanShiftSegmentsRun, progress: Progress
 ) -> Outcome:
     """Refine, shrink balls, shift seeds, carry the clusters to the surface."""
-    add, remove = (_read_picks(path, shape) for path in (options.add_seeds, options.remove_seeds))
+    add, remove = (
+        vertices_in_file(path, shape, "no seed")
+        for path in (options.add_seeds, options.remove_seeds)
+    )
     picked = MeanShiftSegmentsOptions.taken_from(options, add=add, remove=remove)
     cloud = computed(shape, options, progress)
     with progress.stage("segments", 0.4, 1.0):
@@ -232,37 +232,6 @@ def run_mean_shift_segments(
         arrays={**cloud_arrays(cloud), **fields},
         shown=layers[-1:],
     )
-
-
-def _read_picks(path: str, shape: Shape) -> Index:
-    """Vertices in a file: a number of the input, or three coordinates, a line; # is a comment."""
-    if not path:
-        return np.empty(0, np.int64)
-    numbers: list[int] = []
-    places: list[list[float]] = []
-    for line_number, line, words in number_lines(path):
-        try:
-            if len(words) == 1 and re.fullmatch("-?[0-9]{1,18}", words[0]):
-                numbers.append(int(words[0]))
-                continue
-            x, y, z = (float(word) for word in words)
-        except ValueError:
-            raise InvalidOptionError(
-                f"Line {line_number} of {path} must hold a vertex number or x y z, got {line!r}."
-            ) from None
-        places.append([x, y, z])
-    if not numbers and not places:
-        raise InvalidOptionError(f"{path} holds no vertex number and no point.")
-    given = vertices_of_input(shape, np.array(numbers, np.int64), "no seed")
-    return np.concatenate([given, _nearest(places, shape)])
-
-
-def _nearest(places: list[list[float]], shape: Shape) -> Index:
-    if not places:
-        return np.empty(0, np.int64)
-    if not np.isfinite(places).all():
-        raise InvalidOptionError("Points of seeds must be finite numbers.")
-    return shape.tree.query(np.array(places) - shape.offset)[1].astype(np.int64)
 
 
 MEAN_SHIFT_SEGMENTS = Operation(

@@ -177,7 +177,9 @@ class Surface(Bound):
 
     def __repr__(self) -> str:
         faces = "a cloud" if self.faces is None else f"{self.face_count} faces"
-        counts = f"{self.point_count} points, {faces}, diagonal {self.diagonal:.6g}"
+        unit = getattr(self, "unit", None)
+        size = f"{self.diagonal:.6g} {unit or ''}".rstrip()
+        counts = f"{self.point_count} points, {faces}, diagonal {size}"
         return f"{type(self).__name__}({counts})"
 
     @property

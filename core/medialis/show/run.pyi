@@ -174,6 +174,21 @@ def run(
 ) -> Result: ...
 @overload
 def run(
+    name: Literal["centerline"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    places: str = "",
+    starts: int = 1,
+    step: float | str | Length = 0.005,
+    denoise: Literal["auto", "off"] = "auto",
+    tolerance: float | str | Length = 0.0003,
+    refine: float | str | Length = 0.02,
+    creases: float = 30.0,
+) -> Result: ...
+@overload
+def run(
     name: Literal["view_curve_skeleton"],
     shape: ShapeLike,
     *,

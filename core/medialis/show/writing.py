@@ -380,6 +380,15 @@ class Written:
     earlier: bytes | None = None
 
 
+class Manifest(dict[str, Any]):
+    """What was written of a result, as a mapping; its text is short."""
+
+    def __repr__(self) -> str:
+        files = self.get("files", [])
+        folder = Path(files[-1]).parent if files else "nothing"
+        return f"Manifest({self.get('operation')}: {len(files)} files in {folder})"
+
+
 def write_result(
     result: Result,
     folder: str | os.PathLike[str],
@@ -416,8 +425,8 @@ def write_result(
     Returns
     -------
     dict
-        The manifest, with "files": the paths written, "contents": bytes and sha256 of each file by
-        its name, and "picture": the main one or None.
+        The manifest; its text is one line. With "files": the paths written, "contents": bytes and
+        sha256 of each file by its name, and "picture": the main one or None.
 
     Raises
     ------
@@ -448,7 +457,7 @@ def write_result(
 
 def write_files(
     result: Result, folder: str | os.PathLike[str], wanted: Written, progress: Progress
-) -> dict[str, Any]:
+) -> Manifest:
     """Write what is wanted of a result; see `write_result`."""
     pictures = wanted.pictures
     if pictures.color_by is not None:
@@ -512,7 +521,7 @@ def write_files(
             "replaced": before,
         }
         write_json(out.file(MANIFEST), manifest)
-    return manifest
+    return Manifest(manifest)
 
 
 def chosen_formats(name: str, wanted: Sequence[str] | None) -> Sequence[str]:

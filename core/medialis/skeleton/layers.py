@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +15,7 @@ from medialis.base.errors import InvalidOptionError
 from medialis.base.options import Options, changed, choice
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, IntArray
+from medialis.formats.files import number_lines
 from medialis.operations.positions import numbers, places
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.shape.labels import Segmentation
@@ -141,6 +143,41 @@ def vertices_of_input(shape: Shape, numbers: Index, use: str) -> Index:
     if (mapped < 0).any():
         raise InvalidOptionError(f"Vertex {numbers[mapped < 0][0]} is used by no face: {use}.")
     return mapped
+
+
+def vertices_in_file(path: str, shape: Shape, use: str) -> Index:
+    """Return vertices in a file, in its order; none without one.
+
+    A line holds a number of the input, or the three coordinates of a place near a vertex; # begins
+    a comment. `use` says what a vertex that no face uses cannot be.
+
+    Raises
+    ------
+    InvalidOptionError
+        For another line, for no line, and as `vertices_of_input`.
+    """
+    if not path:
+        return np.empty(0, np.int64)
+    found: list[int] = []
+    for line_number, line, words in number_lines(path):
+        try:
+            if len(words) == 1 and re.fullmatch("-?[0-9]{1,18}", words[0]):
+                number = np.array([int(words[0])])
+                found += vertices_of_input(shape, number, use).tolist()
+                continue
+            x, y, z = (float(word) for word in words)
+        except InvalidOptionError:
+            raise
+        except ValueError:
+            raise InvalidOptionError(
+                f"Line {line_number} of {path} must hold a vertex number or x y z, got {line!r}."
+            ) from None
+        if not np.isfinite([x, y, z]).all():
+            raise InvalidOptionError(f"Line {line_number} of {path} must hold finite numbers.")
+        found.append(int(shape.tree.query(np.array([x, y, z]) - shape.offset)[1]))
+    if not found:
+        raise InvalidOptionError(f"{path} holds no vertex number and no point.")
+    return np.array(found, np.int64)
 
 
 def layers_of_segments(name: str, found: str) -> dict[str, str]:

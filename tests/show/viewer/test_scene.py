@@ -134,9 +134,10 @@ def test_scripts_get_a_page_in_the_browser(results, library, monkeypatch, tmp_pa
 
 
 def test_notebooks_get_a_frame(results, library, monkeypatch):
+    """As data: `IPython.display.HTML` warned that a frame should be one without a page inside."""
     shown = []
     ipython = SimpleNamespace(get_ipython=lambda: SimpleNamespace(kernel=1))
-    display = SimpleNamespace(display=shown.append, HTML=lambda text: text)
+    display = SimpleNamespace(display=lambda data, raw: shown.append(data["text/html"]))
     monkeypatch.setitem(sys.modules, "IPython", ipython)
     monkeypatch.setitem(sys.modules, "IPython.display", display)
     assert results[0].show() is None

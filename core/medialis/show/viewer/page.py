@@ -639,7 +639,8 @@ def show_page(text: str, name: str) -> Path | None:
     shell = _notebook()
     if shell is not None:
         display = importlib.import_module("IPython.display")
-        display.display(display.HTML(frame(text)))
+        # As data: `HTML` warns of frames, and advises one that has no page inside.
+        display.display({"text/html": frame(text), "text/plain": name}, raw=True)
         return None
     words = re.sub(r"\W+", "-", name).strip("-") or "view"
     path = Path(tempfile.mkdtemp(prefix="medialis-")) / f"{words}.html"

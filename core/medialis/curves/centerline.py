@@ -1,0 +1,413 @@
+"""Lines in the middle of tubes, from some places to others, and where they part.
+
+1. `inlets`: the open ends of a tube are borders that balls of the tube lie in the middle of; holes
+   in a wall are none. A line ends in the middle of the border.
+2. `shortest`: balls of neighbouring samples are linked, and paths are shortest where a step counts
+   as its length over the radius: they keep to where the shape is widest.
+3. `centered`: such a path jumps from ball to ball. Each of its places moves to the parabola along
+   the path that fits the wide balls round it best; a bend does not draw it inwards, as a mean
+   would. Short bends are smoothed by a spline.
+4. `joined`: where lines from one place part by less than a share of the radius they are one.
+5. `tracts`: pieces of lines as the Vascular Modeling Toolkit numbers them. A fork is a piece of its
+   own, blanked: from where its ball begins to where a line has left the balls of the other one.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from medialis.base.arrays import Described, Index, Mask, kd_tree, places_along, polylines, unit_rows
+from medialis.base.errors import InvalidShapeError
+from medialis.base.progress import Progress
+from medialis.base.validation import FloatArray, Positions
+from medialis.skeleton.medial_cloud import MedialCloud
+
+IN_THE_MIDDLE = 0.5
+"""Radii that the balls at the border of an open end lie from its middle at most; those at a hole in
+a wall lie one radius away, and more."""
+
+LEAP = 10.0
+"""A step from a ball out of it costs so many times its length: it may lead through a wall."""
+
+CELL = 0.25
+"""Radii of the cells in each of which the widest ball is linked to others."""
+
+NEAR = 24
+"""Wide balls that each one is linked to, at most."""
+
+STEPS_A_RADIUS = 4.0
+"""Places of a line while it is laid in the middle, to the radius of its median ball."""
+
+MOST_STEPS = 2000
+"""Of a line while it is laid in the middle."""
+
+WINDOW = 1.5
+"""Radii along a line from which balls count for a place."""
+
+ASIDE = 0.5
+"""Radii across it."""
+
+WIDE = 0.8
+"""Balls count that have this share of the radius of the largest ball there, at least."""
+
+BEND = 3.0
+"""Radii: bends shorter than this are smoothed."""
+
+STIFFEST = 1e9
+"""Weight of third differences, at most: what rounding leaves digits for."""
+
+PINNED = 1e6
+"""Weight of an end that stays, where others have 1."""
+
+ROUNDS = 3
+"""Times that a line is laid in the middle, each from where it lies."""
+
+FEWEST = 6
+"""Balls that a parabola is fitted to; where there are fewer, a mean is taken."""
+
+ONE_LINE = 0.1
+"""Radii: lines from the same place are one as long as they lie this near to each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inlet:
+    """An open end: its border, the middle of it, and its mean radius."""
+
+    vertices: Index
+    middle: FloatArray
+    radius: float
+
+
+def inlets(cloud: MedialCloud) -> list[Inlet]:
+    """Return the open ends of a surface, the widest first."""
+    surface = cloud.surface
+    assert surface.faces is not None
+    table = surface.edge_table
+    border = table.ends[table.counts == 1]
+    found = []
+    for line in polylines(border, surface.point_count):
+        if line[0] != line[-1] or len(line) < 4:
+            continue
+        around = surface.points[line]
+        steps = np.linalg.norm(np.diff(around, axis=0), axis=1)
+        length = float(steps.sum())
+        if length == 0.0:
+            continue
+        middle = (steps @ (around[1:] + around[:-1])) / (2.0 * length)
+        rows = line[:-1][cloud.valid[line[:-1]]]
+        if len(rows) == 0:
+            continue
+        aside = np.linalg.norm(np.median(cloud.centers[rows], axis=0) - middle)
+        if aside <= IN_THE_MIDDLE * np.median(cloud.radii[rows]):
+            away = np.linalg.norm(around[:-1] - middle, axis=1)
+            found.append(Inlet(rows.astype(np.int64), middle, float(away.mean())))
+    return sorted(found, key=lambda one: -one.radius)
+
+
+def shortest(cloud: MedialCloud, starts: Index, ends: Index) -> list[Index]:
+    """Return the rows of balls along the path to each end from the nearest start.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        All balls of a mesh.
+    starts, ends : (s,), (e,) int
+        Rows of valid balls.
+
+    Raises
+    ------
+    InvalidShapeError
+        When no path leads to an end: it lies in another part.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import dijkstra
+
+    a, b = _links(cloud).T
+    radii = np.maximum(cloud.radii, 1e-12 * cloud.surface.diagonal)
+    length = np.linalg.norm(cloud.centers[a] - cloud.centers[b], axis=1)
+    cost = 0.5 * length * (1.0 / radii[a] + 1.0 / radii[b])
+    cost[length > np.maximum(radii[a], radii[b])] *= LEAP
+    cost = np.maximum(cost, 1e-9)  # balls of the same center
+    graph = coo_matrix((cost, (a, b)), (len(cloud), len(cloud))).tocsr()
+    known = {"directed": False, "indices": starts, "return_predecessors": True, "min_only": True}
+    away, before, _ = dijkstra(graph, **known)
+    lost = ends[~np.isfinite(away[ends])]
+    if len(lost):
+        x, y, z = cloud.surface.points[lost[0]] + cloud.surface.offset
+        raise InvalidShapeError(
+            f"No line leads to the end at {x:.6g} {y:.6g} {z:.6g}: it lies in another part of the "
+            "shape than where lines begin."
+        )
+    paths = []
+    for end in ends.tolist():
+        path = [end]
+        while (above := int(before[path[-1]])) >= 0:
+            path.append(above)
+        paths.append(np.array(path[::-1], np.int64))
+    return paths
+
+
+def _links(cloud: MedialCloud) -> Index:
+    """Return pairs (l, 2) of balls: of neighbouring samples, and wide ones that overlap.
+
+    A coarse tube has few samples in the middle of its faces, whose balls are the widest; their
+    neighbours are at its edges. Of the balls of a cell, a share of their radius wide, the largest
+    is linked to those near it whose centers lie in it or that its center lies in: the line between
+    such centers is inside.
+    """
+    edges = cloud.surface.edges.astype(np.int64)
+    edges = edges[cloud.valid[edges].all(axis=1)]
+    rows = np.flatnonzero(cloud.valid & (cloud.radii > 0.0))
+    rows = rows[np.argsort(-cloud.radii[rows], kind="stable")]
+    octave = np.floor(np.log2(cloud.radii[rows]))
+    cells = np.floor(cloud.centers[rows] / (CELL * 2.0**octave)[:, None])
+    keys = np.column_stack([octave, cells])
+    wide = rows[np.sort(np.unique(keys, axis=0, return_index=True)[1])]
+    if len(wide) < 2:
+        return edges
+    away, near = kd_tree(cloud.centers[wide]).query(cloud.centers[wide], min(NEAR, len(wide)))
+    one, other = np.repeat(wide, near.shape[1]), wide[near.ravel()]
+    inside = away.ravel() < np.maximum(cloud.radii[one], cloud.radii[other])
+    more = np.stack([one, other], axis=1)[inside & (one != other)]
+    return np.unique(np.sort(np.concatenate([edges, more]), axis=1), axis=0)
+
+
+def resampled(points: FloatArray, step: float, most: int = MOST_STEPS) -> FloatArray:
+    """Return places at equal steps along a polyline, no longer than `step`; both ends stay."""
+    along = places_along(points)
+    count = int(np.clip(np.ceil(along[-1] / step), 1, most))
+    at = np.linspace(0.0, along[-1], count + 1)
+    return np.stack([np.interp(at, along, column) for column in points.T], axis=1)
+
+
+def tangents_of(points: FloatArray) -> FloatArray:
+    """Return unit tangents (k, 3) of a polyline."""
+    if len(points) < 2:
+        return np.tile([1.0, 0.0, 0.0], (len(points), 1))
+    return unit_rows(np.gradient(points, axis=0), instead=np.array([1.0, 0.0, 0.0]))
+
+
+def centered(
+    cloud: MedialCloud, path: FloatArray, fixed: tuple[bool, bool], progress: Progress
+) -> FloatArray:
+    """Lay a path through centers of balls in the middle of the balls round it.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+    path : (k, 3) float64
+    fixed : (bool, bool)
+        Whether its first and its last place stay.
+
+    Returns
+    -------
+    (p, 3) float64
+        At equal steps.
+    """
+    rows = np.flatnonzero(cloud.valid)
+    tree = kd_tree(cloud.centers[rows])
+    typical = float(np.median(cloud.radii[rows[tree.query(path)[1]]]))
+    path = _smoothed(resampled(path, typical / STEPS_A_RADIUS), fixed, cloud, tree, rows)
+    for number in range(ROUNDS):
+        path = resampled(path, typical / STEPS_A_RADIUS)
+        tangents = _smooth_tangents(path, typical)
+        moved = path.copy()
+        for place in range(int(fixed[0]), len(path) - int(fixed[1])):
+            moved[place] = _fitted(cloud, rows, tree, path[place], tangents[place])
+            if place % 64 == 0:
+                progress.update((number + place / len(path)) / ROUNDS)
+        path = _smoothed(moved, fixed, cloud, tree, rows)
+    return path
+
+
+def _smoothed(
+    path: FloatArray, fixed: tuple[bool, bool], cloud: MedialCloud, tree: Any, rows: Index
+) -> FloatArray:
+    """Return a path without bends shorter than `BEND`: the spline of least change of curvature.
+
+    Squares of its distances and of its third differences are least; a circle stays one.
+    """
+    from scipy.sparse import diags
+    from scipy.sparse.linalg import spsolve
+
+    count = len(path)
+    if count < FEWEST:
+        return path
+    third = diags([-1.0, 3.0, -3.0, 1.0], [0, 1, 2, 3], shape=(count - 3, count))
+    weights = np.ones(count)
+    weights[[0, -1]] = np.where(fixed, PINNED, 1.0)
+    radii = cloud.radii[rows[tree.query(path)[1]]]
+    step = max(float(places_along(path)[-1]) / (count - 1), 1e-9 * float(radii.max()))
+    stiff = (BEND * radii[1:-2] / (2.0 * np.pi * step)) ** 6
+    system = diags([weights], [0]) + third.T @ diags([np.minimum(stiff, STIFFEST)], [0]) @ third
+    found = np.asarray(spsolve(system.tocsc(), weights[:, None] * path))
+    ends = [k for k, stays in zip((0, -1), fixed, strict=True) if stays]
+    found[ends] = path[ends]
+    return found
+
+
+def _smooth_tangents(path: FloatArray, radius: float) -> FloatArray:
+    """Return tangents between the places a radius before and behind each one."""
+    along = places_along(path)
+    before, behind = (np.clip(along + shift, 0.0, along[-1]) for shift in (-radius, radius))
+    chord = [
+        np.stack([np.interp(at, along, column) for column in path.T], axis=1)
+        for at in (before, behind)
+    ]
+    return unit_rows(chord[1] - chord[0], instead=np.array([1.0, 0.0, 0.0]))
+
+
+def _fitted(
+    cloud: MedialCloud, rows: Index, tree: Any, place: FloatArray, tangent: FloatArray
+) -> FloatArray:
+    """Return where the parabola along the tangent that fits wide balls best passes a place."""
+    nearest = rows[tree.query(place)[1]]
+    radius = cloud.radii[nearest]
+    found = rows[tree.query_ball_point(place, WINDOW * radius)]
+    if len(found) == 0:
+        return cloud.centers[nearest]
+    offsets, radii = cloud.centers[found] - place, cloud.radii[found]
+    along = offsets @ tangent / radius
+    aside = np.linalg.norm(offsets - radius * along[:, None] * tangent, axis=1) / radius
+    near = (np.abs(along) < WINDOW) & (aside < ASIDE)
+    # Of a sheet the widest ridge counts; a ball is compared with those beside it.
+    beside = near & (np.abs(along) < 0.5)
+    largest = radii[beside].max(initial=0.0)
+    near &= radii >= WIDE * largest
+    if not near.any():
+        return place
+    weights = (1.0 - (along[near] / WINDOW) ** 2) * (1.0 - (aside[near] / ASIDE) ** 2)
+    weights *= np.maximum(cloud.surface.point_areas[cloud.source[found[near]]], 1e-300)
+    root = np.sqrt(weights / weights.max())[:, None]
+    powers = along[near, None] ** np.arange(3 if near.sum() >= FEWEST else 1)
+    fit = np.linalg.lstsq(root * powers, root * offsets[near], rcond=1e-6)[0][0]
+    fit = fit - (fit @ tangent) * tangent  # it moves across the line alone
+    if np.linalg.norm(fit) > radius:
+        return place
+    return place + fit
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Centerlines(Described):
+    """Lines that share what they have in common.
+
+    Attributes
+    ----------
+    points : (p, 3) float64
+    radii : (p,) float64
+        Distance to the surface.
+    lines : tuple of (k,) int64
+        The points along each line, from its start to its end.
+    """
+
+    points: Positions
+    radii: FloatArray
+    lines: tuple[Index, ...]
+
+
+def joined(paths: list[FloatArray], radii: list[FloatArray]) -> Centerlines:
+    """Let lines from the same place share their points as long as they run together."""
+    points, widths = [paths[0]], [radii[0]]
+    lines = [np.arange(len(paths[0]))]
+    total = len(paths[0])
+    for path, radius in zip(paths[1:], radii[1:], strict=True):
+        step = float(np.linalg.norm(path[1] - path[0])) if len(path) > 1 else 0.0
+        shared, own, other = 0, 0, lines[0]
+        for line in lines:
+            away, nearest = kd_tree(np.concatenate(points)[line]).query(path)
+            apart = away > ONE_LINE * radius + 0.5 * step  # places need not lie opposite each other
+            together = int(np.argmax(apart)) if apart.any() else len(path)
+            if together > own:
+                shared, own, other = int(nearest[together - 1]) + 1, together, line
+        own = min(own, len(path) - 1)  # its end is its own
+        points.append(path[own:])
+        widths.append(radius[own:])
+        lines.append(np.concatenate([other[:shared], total + np.arange(len(path) - own)]))
+        total += len(path) - own
+    return Centerlines(np.concatenate(points), np.concatenate(widths), tuple(lines))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Tract(Described):
+    """A piece of a line: the line, its places along it, its group, and whether it is a fork."""
+
+    line: int
+    first: int
+    last: int
+    group: int
+    blanked: bool
+
+
+def tracts(found: Centerlines) -> list[Tract]:
+    """Cut lines at their forks; pieces of several lines that are the same have the same group."""
+    groups: dict[tuple[bool, tuple[int, ...]], int] = {}
+    pieces = []
+    for number, line in enumerate(found.lines):
+        blanked = _blanked(found, number)
+        shared = _shared(found, number)
+        cuts = np.flatnonzero(np.diff(blanked.astype(int))) + 1
+        ends = [0, *cuts.tolist(), len(line)]
+        for first, last in itertools.pairwise(ends):
+            with_these = tuple(np.flatnonzero(shared > first).tolist())
+            key = bool(blanked[first]), with_these
+            group = groups.setdefault(key, len(groups))
+            pieces.append(Tract(number, first, last - 1, group, bool(blanked[first])))
+    return pieces
+
+
+def _shared(found: Centerlines, number: int) -> Index:
+    """Return how many places each line has in common with one, from the start."""
+    own = found.lines[number]
+    result = np.empty(len(found.lines), np.int64)
+    for other, line in enumerate(found.lines):
+        count = min(len(own), len(line))
+        differ = own[:count] != line[:count]
+        result[other] = int(np.argmax(differ)) if differ.any() else count
+    return result
+
+
+def _blanked(found: Centerlines, number: int) -> Mask:
+    """Which places of a line belong to a fork."""
+    own = found.lines[number]
+    result = np.zeros(len(own), bool)
+    along = places_along(found.points[own])
+    for other, shared in enumerate(_shared(found, number).tolist()):
+        if other == number or shared in (0, len(own)):
+            continue
+        fork = shared - 1
+        first = int(np.searchsorted(along, along[fork] - found.radii[own[fork]]))
+        rest = found.lines[other][fork:]
+        away = kd_tree(found.points[rest]).query(found.points[own[shared:]])
+        inside = away[0] < found.radii[rest[away[1]]]
+        last = shared + (int(np.argmin(inside)) if not inside.all() else len(inside))
+        result[max(first, 0) : last] = True
+    return result
+
+
+def nearest_balls(cloud: MedialCloud, vertices: Index) -> Index:
+    """Return the ball of each vertex, or the nearest that is valid in its part."""
+    rows = vertices.copy()
+    parts = cloud.surface.components
+    for place in np.flatnonzero(~cloud.valid[vertices]).tolist():
+        near = np.flatnonzero(cloud.valid & (parts == parts[vertices[place]]))
+        if len(near) == 0:
+            raise InvalidShapeError("A place lies in a part of the shape that holds no ball.")
+        points = cloud.surface.points
+        away = np.linalg.norm(points[near] - points[vertices[place]], axis=1)
+        rows[place] = near[int(np.argmin(away))]
+    return rows
+
+
+def node_vertices(cloud: MedialCloud, nodes: FloatArray, radii: FloatArray) -> Index:
+    """Return the widest ball near each node of a curve skeleton, as a row."""
+    rows = np.flatnonzero(cloud.valid)
+    tree = kd_tree(cloud.centers[rows])
+    found = []
+    for node, radius in zip(nodes, radii, strict=True):
+        near = tree.query_ball_point(node, 0.5 * radius) or [int(tree.query(node)[1])]
+        found.append(int(rows[near][np.argmax(cloud.radii[rows[near]])]))
+    return np.array(found, np.int64)
