@@ -50,6 +50,7 @@ def _modules() -> tuple:
         levels,
         live,
         menus,
+        metarigs,
         operators,
         overlay,
         panel,
@@ -60,7 +61,17 @@ def _modules() -> tuple:
         translations,
     )
 
-    first = preferences, properties, levels, operators, presets, selecting, editing, assets
+    first = (
+        preferences,
+        properties,
+        levels,
+        operators,
+        presets,
+        selecting,
+        editing,
+        assets,
+        metarigs,
+    )
     return *first, panel, menus, finding, live, overlay, translations
 
 

@@ -116,8 +116,8 @@ def of_user(context: bpy.types.Context, chosen: bpy.types.Object) -> bpy.types.O
     return None
 
 
-def hand_over(armature: bpy.types.Object, source: Source, path: str | Path) -> None:
-    """Write the bones that deform, at rest, in the axes and units of what was read.
+def deforming(armature: bpy.types.Object) -> Armature:
+    """Return the bones that deform, at rest, in the axes of the object.
 
     Raises
     ------
@@ -128,19 +128,42 @@ def hand_over(armature: bpy.types.Object, source: Source, path: str | Path) -> N
     if not bones:
         raise InvalidShapeError(f"{armature.name} has no bone that deforms: turn on Deform.")
     rows = {bone.name: row for row, bone in enumerate(bones)}
-    here = np.array(armature.matrix_world)
-    origin = np.array(source.find().matrix_world.translation)
-    ends = []
-    for end in ("head_local", "tail_local"):
-        local = np.array([getattr(bone, end) for bone in bones], np.float64)
-        ends.append(local @ here[:3, :3].T + here[:3, 3] - origin)
     parents = []
     for bone in bones:
         above = bone.parent
         while above is not None and above.name not in rows:
             above = above.parent
         parents.append(-1 if above is None else rows[above.name])
-    write_armature_json(path, Armature(*ends, parents, tuple(rows)), source.unit)
+    heads = np.array([bone.head_local for bone in bones], np.float64)
+    tails = np.array([bone.tail_local for bone in bones], np.float64)
+    return Armature(heads, tails, parents, tuple(rows))
+
+
+def in_world(armature: bpy.types.Object) -> Armature:
+    """Return the bones that deform, at rest, in the axes of the world.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the armature has none.
+    """
+    bones, here = deforming(armature), np.array(armature.matrix_world)
+    heads, tails = (ends @ here[:3, :3].T + here[:3, 3] for ends in (bones.heads, bones.tails))
+    return replace(bones, heads=heads, tails=tails)
+
+
+def hand_over(armature: bpy.types.Object, source: Source, path: str | Path) -> None:
+    """Write the bones that deform, at rest, in the axes and units of what was read.
+
+    Raises
+    ------
+    InvalidShapeError
+        When the armature has none.
+    """
+    bones = in_world(armature)
+    origin = np.array(source.find().matrix_world.translation)
+    moved = replace(bones, heads=bones.heads - origin, tails=bones.tails - origin)
+    write_armature_json(path, moved, source.unit)
 
 
 def write_weights(

@@ -35,6 +35,9 @@ class MEDIALIS_MT_object(bpy.types.Menu):
         layout.separator()
         selecting.draw_entries(layout)
         layout.separator()
+        for name in ("test_poses", "rigify_metarig"):
+            layout.operator(f"medialis.{name}")
+        layout.separator()
         for name in ("show_result", "own_look", "remove_result", "add_to_catalogue"):
             layout.operator(f"medialis.{name}")
 

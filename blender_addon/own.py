@@ -23,6 +23,8 @@ NAME = "medialis_name"
 PRINT = "medialis_print"
 """Custom property of objects, materials and node groups that medialis has made: what they were like
 then."""
+TEST_POSES = "medialis_test_poses"
+"""Custom property of the action of test poses: what was there before, as JSON."""
 SAMPLE = 50_000
 """Vertices whose weights are looked at: reading them takes microseconds each."""
 KEYS = {
@@ -152,7 +154,7 @@ def fingerprint(made: bpy.types.Object) -> str:
         digest.update(f"{bone.name} {places}".encode())
     materials = [slot.material.name_full if slot.material else "" for slot in made.material_slots]
     modifiers = [(one.name, one.type) for one in made.modifiers]
-    animated = [one.animation_data is not None for one in (made, data) if one is not None]
+    animated = [_is_animated(one) for one in (made, data) if one is not None]
     children = sorted(
         child.name
         for child in made.children
@@ -163,6 +165,14 @@ def fingerprint(made: bpy.types.Object) -> str:
     about = [materials, modifiers, len(made.constraints), animated, children, groups]
     digest.update(json.dumps(about).encode())
     return digest.hexdigest()
+
+
+def _is_animated(one: Any) -> bool:
+    """Tell whether the user has animated something: test poses are none of theirs."""
+    found = one.animation_data
+    if found is not None and found.action is not None and TEST_POSES in found.action:
+        return bool(json.loads(found.action[TEST_POSES])["animated"])
+    return found is not None
 
 
 def prints(data: Any, names: Iterable[str]) -> Made:

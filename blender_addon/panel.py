@@ -191,6 +191,9 @@ def draw_editing(layout: Any, active: bpy.types.Object) -> None:
     if editing.option_of(active) is not None:
         layout.operator_context = "INVOKE_DEFAULT"
         layout.operator("medialis.rebuild", icon="MOD_REMESH")
+    if active.type == "ARMATURE":
+        layout.operator("medialis.test_poses", icon="POSE_HLT")
+        layout.operator("medialis.rigify_metarig", icon="ARMATURE_DATA")
     if active.get(reading.FORMATS):
         layout.operator("medialis.export_layer", icon="EXPORT")
 

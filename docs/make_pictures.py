@@ -26,6 +26,7 @@ from medialis.show.picture import (
     Points,
     Surface,
     draw,
+    draw_panels,
     draw_result,
     draw_turntable,
 )
@@ -781,6 +782,16 @@ def mean_shift_segments() -> Image:
     return contact_sheet(images, captions, 2)
 
 
+def test_poses() -> Image:
+    """Draw a person that is bent at its main joints, by the weights of `bind`."""
+    folder = Path(__file__).resolve().parents[1]
+    sys.path += [str(folder / "benchmarks"), str(folder / "tests")]
+    import known_figures
+
+    person = known_figures.biped("athlete", "t").shape
+    return draw_panels(medialis.run("bind", person, poses=True), "test_poses")
+
+
 PICTURES: dict[str, Callable[[], Image]] = {
     make.__name__: make
     for make in (
@@ -793,6 +804,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         curve_options, curve_comparison, centerline, view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, limbs, parts,
         parts_as_seen, manifolds, skeleton_manifolds, remove_outliers, mean_shift_segments,
+        test_poses,
     )
 }  # fmt: skip
 

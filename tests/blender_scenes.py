@@ -81,3 +81,26 @@ def world(chosen):
     bpy.context.view_layer.update()
     matrix = np.array(chosen.matrix_world)
     return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def add_armature(name, bones, matrix=None):
+    """Add an armature with bones (name, head, tail, parent, deforms); it is active."""
+    data = bpy.data.armatures.new(name)
+    made = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(made)
+    bpy.context.view_layer.objects.active = made
+    bpy.ops.object.mode_set(mode="EDIT")
+    for bone, head, tail, parent, deforms in bones:
+        new = data.edit_bones.new(bone)
+        new.head, new.tail, new.use_deform = head, tail, deforms
+        new.parent = data.edit_bones.get(parent) if parent else None
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return made
+
+
+def select(*objects):
+    """Select objects; the last one is active."""
+    bpy.ops.object.select_all(action="DESELECT")
+    for one in objects:
+        one.select_set(True)
+    bpy.context.view_layer.objects.active = objects[-1]

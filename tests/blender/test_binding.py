@@ -5,24 +5,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy", reason="bpy is not installed: make hosts")
 import medialis
-from blender_scenes import add_mesh, evaluated, groups_of, read_back
+from blender_scenes import add_armature, add_mesh, evaluated, groups_of, read_back, select
 from medialis.hosts import write_armature_json
-
-
-def add_armature(name, bones, matrix=None):
-    """Add an armature with (name, head, tail, parent, deforms)."""
-    data = bpy.data.armatures.new(name)
-    made = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(made)
-    bpy.context.view_layer.objects.active = made
-    bpy.ops.object.mode_set(mode="EDIT")
-    for bone, head, tail, parent, deforms in bones:
-        new = data.edit_bones.new(bone)
-        new.head, new.tail, new.use_deform = head, tail, deforms
-        new.parent = data.edit_bones.get(parent) if parent else None
-    bpy.ops.object.mode_set(mode="OBJECT")
-    return made
-
 
 BONES = [
     ("root", (0, 0, -2), (0, 0, -1.5), None, False),
@@ -57,13 +41,6 @@ def rod(scene):
     armature.location = (5, 0, 0)
     bpy.context.view_layer.update()
     return chosen, armature
-
-
-def select(*objects):
-    bpy.ops.object.select_all(action="DESELECT")
-    for one in objects:
-        one.select_set(True)
-    bpy.context.view_layer.objects.active = objects[-1]
 
 
 def test_an_armature_of_the_user_gets_weights_and_moves_the_mesh(rod):

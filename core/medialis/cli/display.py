@@ -159,6 +159,14 @@ TABLES = {
             "fork_angle": "fork angle",
         },
     ),
+    "test_poses": (
+        "test poses",
+        {
+            "stretched": "stretched edges",
+            "collapsed": "collapsed triangles",
+            "largest_stretch": "largest stretch",
+        },
+    ),
 }
 """Title of the tables of places, and heads of their columns, by the name of the value."""
 
@@ -184,6 +192,7 @@ FILES = {
     ".png": "picture",
     "centerline.lines.vtp": "the lines cut at forks, for the Vascular Modeling Toolkit",
     "centerline.csv": "the places along each line as a table, for spreadsheets",
+    "test_poses.png": "the rig bent at each main joint, and what stretches there",
     ".vtp": "the same as the PLY file of that name, for ParaView",
     ".vtu": "the same as the PLY file of that name, for ParaView and solvers",
     "midsurface.obj": "the sheets, for modelling programs",
@@ -245,6 +254,7 @@ def _told(
     tables = [name for name in TABLES if values.get(name)]
     for name in tables:
         most = MOST_BRANCHES if name == "branch_table" else MOST_ROWS // len(tables)
+        most = len(values[name]) if name == "test_poses" else most
         yield from _indented(_table(*TABLES[name], values[name], most, unit))
     if manifest.get("replaced"):
         told = ", ".join(f"{name} {value}" for name, value in manifest["replaced"].items())
@@ -335,11 +345,11 @@ def _table(
 def _first(things: Sequence[Mapping[str, Any]], most: int) -> list[tuple[int, Mapping[str, Any]]]:
     """Return the first ones with their numbers; of branches the longest ones.
 
-    Places are numbered from 1, branches from 0: as in all files.
+    Branches are numbered from 0, all others from 1: as in all files.
     """
-    are_places = "position" in things[0]
-    numbered = list(enumerate(things, 1 if are_places else 0))
-    if not are_places:
+    are_branches = "fork_angle" in things[0]
+    numbered = list(enumerate(things, 0 if are_branches else 1))
+    if are_branches:
         numbered.sort(key=lambda one: -one[1]["length"])
     return numbered[:most]
 

@@ -28,7 +28,8 @@ Beside the values
 Fields on the input
     `on_input` brings attributes of points and faces to the vertices, triangles or polygons that
     the host gave (`InputFields`); `rig_of` finds bones, their layer and the weights on those
-    vertices (`Rig`).
+    vertices (`Rig`). `test_poses` tells where an armature is bent to try it (`Bend`),
+    `figure_parts` which of its bones are those of a figure (`FigureParts`).
 Names
     `title`, `label_name`, `identifier`, `free_name`, `distinct_names`, `value_lines`;
     `with_labels` for messages, `nearest_unit` for the unit of a scene.

@@ -52,6 +52,10 @@ from medialis.operations.result import Outcome as Outcome
 from medialis.operations.result import Result as Result
 from medialis.operations.result import value_lines as value_lines
 from medialis.rigging.armature import write_armature_json as write_armature_json
+from medialis.rigging.poses import Bend as Bend
+from medialis.rigging.poses import FigureParts as FigureParts
+from medialis.rigging.poses import figure_parts as figure_parts
+from medialis.rigging.poses import test_poses as test_poses
 from medialis.show.colors import MISSING as MISSING
 from medialis.show.colors import color_table as color_table
 from medialis.show.colors import label_colors as label_colors

@@ -357,6 +357,8 @@ class Outcome(Described):
         The full result, also of masked rows; goes to the NPZ file.
     images : dict of (h, w, 3) uint8
         Pictures that are themselves the result.
+    panels : dict of tuples of (str, Layer)
+        Pictures besides the main one: surfaces side by side, each with its caption.
     shown : tuple of Layer
         What pictures show instead of the first layer inside the shape: a layer in its colours, and
         layers of points marked on it.
@@ -370,6 +372,7 @@ class Outcome(Described):
     values: Mapping[str, Any] = field(default_factory=dict)
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+    panels: Mapping[str, tuple[tuple[str, Layer], ...]] = field(default_factory=dict)
     shown: tuple[Layer, ...] = ()
     extras: Mapping[str, Any] = field(default_factory=dict)
 

@@ -16,4 +16,5 @@ The thesis has no rigging; it names armatures as a use of curve skeletons.
 - `binding.py`: weights for any `Armature` and any mesh, by the ways inside the body;
   `_way_kernels.py` searches them, `armature.py` reads and writes armatures, and
   `binding_operation.py` is the operation bind.
+- `poses.py`: where a rig is bent to try it, and what stretches or collapses there.
 """

@@ -17,11 +17,13 @@ from medialis.rigging.binding import BindOptions, Weighing, bind_weights
 from medialis.rigging.bones import Bones
 from medialis.rigging.operation import (
     BY_BONE,
+    POSES,
     RIGGED,
     ArmatureRun,
     bones_layer,
     described,
     named_bones,
+    test_poses_of,
 )
 from medialis.shape.shape import Shape
 
@@ -36,6 +38,7 @@ class BindRun(Weighing):
         "are those of the operation armature.",
         bones=True,
     )
+    poses: bool = POSES
 
 
 def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
@@ -44,7 +47,7 @@ def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
         rig = _bones(shape, options.armature, progress)
     with progress.stage("weights", 0.4, 1.0):
         weighing = BindOptions.taken_from(options, armature=rig)
-        skin = bind_weights.of(shape, weighing, progress)
+        skin = replace(bind_weights.of(shape, weighing, progress), rig=rig)
     moving = np.isin(np.arange(rig.count), skin.bones)
     if not moving.all():
         idle = [name for name, moves in zip(rig.names, moving, strict=True) if not moves]
@@ -53,6 +56,7 @@ def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
         progress.note(text, "idle_bones", bones=len(idle), of=rig.count)
     fields: dict[str, Any] = {"bone": skin.bones[:, 0], "weight": skin.weights[:, 0]}
     own = not options.armature
+    poses, panels = test_poses_of(shape, skin, options.poses, progress)
     return Outcome(
         shape=shape,
         layers=(
@@ -67,6 +71,7 @@ def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
             "moving_bones": int(moving.sum()),
             "diagonal": shape.diagonal,
             "bone_names": list(rig.names),
+            **poses,
         },
         arrays={
             "heads": places(rig.heads),
@@ -75,7 +80,8 @@ def run(shape: Shape, options: BindRun, progress: Progress) -> Outcome:
             "skin_bones": skin.bones,
             "skin_weights": numbers(skin.weights),
         },
-        extras={"bones": rig, "skin": replace(skin, rig=rig)},
+        extras={"bones": rig, "skin": skin},
+        panels=panels,
     )  # fmt: skip
 
 

@@ -41,12 +41,21 @@ from medialis.rigging.bones import (
 )
 from medialis.rigging.figure_bones import figure_bones
 from medialis.rigging.naming import roll_axes, rolls, target_names
+from medialis.rigging.poses import tried
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import Preparation
 
 BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
 """How layers are shown."""
+
+POSES: bool = flag(
+    False,
+    "Test poses",
+    "Bend the rig at each main joint, draw that (test_poses.png), and tell where the surface "
+    "stretches or collapses.",
+)
+"""The option of `armature` and `bind`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +89,7 @@ class ArmatureRun(Preparation):
             "numbers": "Bones are numbered: bone 000, bone 001, mirrored ones with .L and .R.",
         },
     )
+    poses: bool = POSES
 
 
 def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
@@ -100,6 +110,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     if len(rig.roots) > 1:
         text = f"The shape has {len(rig.roots)} separate parts: each has a root bone."
         progress.note(text, "root_bones", roots=len(rig.roots))
+    poses, panels = test_poses_of(shape, skin, options.poses, progress)
     return Outcome(
         shape=curve.surface or shape,
         layers=(bones_layer(rig), _skin_layer(shape, skin)),
@@ -112,6 +123,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
             "cut_loops": rig.cut,
             "diagonal": shape.diagonal,
             "bone_table": _bone_table(rig),
+            **poses,
         },
         arrays={
             "heads": places(rig.heads),
@@ -123,7 +135,18 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
             "edges": curve.edges,
         },
         extras={"graph": curve, "bones": rig, "skin": skin},
+        panels=panels,
     )
+
+
+def test_poses_of(
+    shape: Shape, skin: SkinWeights, wanted: bool, progress: Progress
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the values of test poses, and the panels of their picture; nothing if not wanted."""
+    if not wanted:
+        return {}, {}
+    rows, panels = run_patiently(lambda: tried(shape, skin, progress), progress)
+    return {"test_poses": rows}, {"test_poses": panels} if panels else {}
 
 
 def named_bones(

@@ -33,6 +33,7 @@ from medialis.shape.shape import Shape
 from medialis.show.annotation import (
     ColorBar,
     LabelKey,
+    contact_sheet,
     content_box,
     draw_legend,
     draw_title,
@@ -637,6 +638,24 @@ def draw_turntable(
         with steps.stage("turntable", number / count, (number + 1) / count):
             image = draw_result(result, color_by=color_by, camera=view, progress=steps)
         yield image
+
+
+def draw_panels(
+    result: Outcome, name: str, *, size: int = 480, progress: Progress | None = None
+) -> NDArray[np.uint8]:
+    """Draw the surfaces of `Outcome.panels` side by side, with one camera and one legend."""
+    steps, panels = Progress.of(progress), result.panels[name]
+    direction, up = shape_view(result.shape)
+    every = np.concatenate([layer.points for _, layer in panels])
+    camera = Camera.framing(every, direction=direction, up=up, width=size, height=size)
+    images, key = [], None
+    for number, (_, layer) in enumerate(panels):
+        with steps.stage("picture", number / len(panels), (number + 1) / len(panels)):
+            items, label = _paint(result, layer, layer.color_by, size, None)
+            images.append(draw(items, camera, progress=steps))
+        if key is None and label is not None:
+            key = _legend_of(items, label, None)
+    return contact_sheet(images, [caption for caption, _ in panels], columns=3, key=key)
 
 
 def picture_html(result: Outcome) -> str:

@@ -216,6 +216,7 @@ def run(
     candidates: float | str | Length = 0.005,
     figures: bool = True,
     naming: Literal["plain", "rigify", "mixamo", "unreal", "vrm", "numbers"] = "plain",
+    poses: bool = False,
     denoise: Literal["auto", "off"] = "auto",
     tolerance: float | str | Length = 0.0003,
     refine: float | str | Length = 0.02,
@@ -229,6 +230,7 @@ def run(
     threads: int | None = None,
     progress: Progress | ProgressCallback | None = None,
     armature: str = "",
+    poses: bool = False,
     bones_per_vertex: int = 4,
     softness: float = 1.0,
 ) -> Result: ...

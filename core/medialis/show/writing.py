@@ -36,7 +36,7 @@ from medialis.operations import registry
 from medialis.operations.declaration import Format
 from medialis.operations.result import Layer, Result
 from medialis.shape.surface import Surface
-from medialis.show.picture import draw_result, draw_turntable, require_attribute
+from medialis.show.picture import draw_panels, draw_result, draw_turntable, require_attribute
 from medialis.show.png import reduced, write_png
 from medialis.show.raster import Style
 from medialis.show.result import LISTS, LOOKS, OF_LAYERS
@@ -616,3 +616,5 @@ def _main_pictures(
             progress=progress,
         )
         yield f"{result.operation}.png", image
+    for name in result.panels if pictures.main else ():
+        yield f"{name}.png", draw_panels(result, name, progress=progress)
