@@ -6,6 +6,7 @@ refined where it is worst; every step keeps the homotopy type.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
@@ -257,24 +258,27 @@ class Search:
         return replace(found, target=target)
 
     def _many(self) -> Complex:
-        """Fit many balls; some of them are added afterwards, where the fit is worst."""
-        hollows, within = self.base.hollows, self._all.within
+        """Fit many balls; some are kept back, and come where all candidates tell that it is off."""
         start, _ = self.base.sequence.level(self.balls - int(KEPT_BACK * self.balls))
-        start = evened(start, OFF)
-        fit = self._fitted(start, self._with_worst(start, within), "many")
-        for plan in ("more", "end"):
-            self.progress.update(0.5 if plan == "more" else 0.8)
-            now, off = fit.mesh, fit.now.off
-            places, depth = hollows.of(now, off)
-            faults = faults_of(fit, self.base.own)
-            if depth > off:
-                within = np.concatenate([within, places])
-                faults = Fault.joined([faults, hollows.faults(places)])
-            if len(now) < self.balls:
-                now = refined_at_once(now, faults, self.balls - len(now))
-                now = evened(now, OFF)
-            fit = self._fitted(now, self._with_worst(now, within), plan)
+        fit = self._fitted(evened(start, OFF), self._all, "many")
+        for plan, share in (("more", 0.5), ("end", 1.0)):
+            self.progress.update(0.4 + 0.4 * share)
+            faults, target = self._looked_at(fit.mesh, fit.target.within)
+            missing = self.balls - len(fit.mesh)
+            now = refined_at_once(fit.mesh, faults, math.ceil(share * missing))
+            fit = self._fitted(now, target, plan)
         return fit.mesh
+
+    def _looked_at(self, now: Complex, within: FloatArray) -> tuple[Fault, Target]:
+        """Look at all candidates and for hollows; return faults, and a target that has them."""
+        target = self._with_worst(now, within)
+        fit = Fit(now, target, DAMPING, self._still)
+        places, depth = self.base.hollows.of(now, fit.now.off)
+        faults = faults_of(fit, self.base.own)
+        if depth > fit.now.off:
+            target = target.with_within(places)
+            faults = Fault.joined([faults, self.base.hollows.faults(places)])
+        return faults, target
 
     def _last(self, best: _Found) -> Complex:
         """Fit until that gets no nearer; deep hollows join."""

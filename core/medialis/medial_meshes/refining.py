@@ -161,18 +161,20 @@ def refined_at_once(given: Complex, faults: Fault, most: int) -> Complex:
         if near or touched[row].any():
             continue
         done.append(place)
-        ball = _new_ball(result, row, shares[k], faults.balls[i])
+        ball = _new_ball(result, row, shares[k], faults.balls[i], 0.0)
         result = subdivided(result, row, shares[k], ball)
         touched[row[row >= 0]] = True
     return result
 
 
-def _new_ball(given: Complex, row: Index, shares: FloatArray, wanted: FloatArray) -> FloatArray:
+def _new_ball(
+    given: Complex, row: Index, shares: FloatArray, wanted: FloatArray, near: float = NEAR
+) -> FloatArray:
     """Return the wanted ball where it is near its place in the complex, else the one there."""
     row, shares = row[row >= 0], shares[row >= 0]
     here = shares @ given.balls[row]
-    near = np.linalg.norm(wanted[:3] - here[:3]) < NEAR_RADII * here[3] + NEAR
-    return wanted if near or (shares > PART).sum() == 1 else here
+    close = np.linalg.norm(wanted[:3] - here[:3]) < NEAR_RADII * here[3] + near
+    return wanted if close or (shares > PART).sum() == 1 else here
 
 
 @dataclass(frozen=True)
