@@ -6,9 +6,9 @@ import pytest
 import medialis
 from closed_forms import icosphere, prism
 from medialis.base.progress import Progress
+from medialis.medial_meshes.collapsing import collapse
 from medialis.medial_meshes.fine_complex import fine_complex
 from medialis.medial_meshes.fins import Touched, creased, on_reflex_edges, without_fins
-from medialis.medial_meshes.medial_mesh import collapse
 from medialis.medial_meshes.mesh import Complex, betti_numbers, sheets_of
 from medialis.medial_meshes.sampling import Solid
 from medialis.operations.registry import run

@@ -24,6 +24,15 @@ from medialis.medial_meshes._fit_kernels import factor, fill
 LAZY = 0.97
 """Edges that must not be contracted are looked at again when this share of the vertices is left."""
 
+UNFOLDED = 0.2
+"""Cosine of the turn of a triangle up to which it is no fold."""
+
+FLAT = 0.2
+"""Q of triangles that are not made where all are better."""
+
+FOLDED, FLATTENED = 1e4, 10.0
+"""Merging costs so many times as much where triangles fold, or get flat by it."""
+
 
 class Hung(NamedTuple):
     """Edges or triangles, and the lists of their ends at each of n vertices; -1 ends a list.
@@ -257,6 +266,53 @@ def keeps_sheets(u, v, edges, faces, mark, scratch):
 
 
 @kernel
+def normal_of(a, b, c, out):
+    """Fill twice the area of a triangle of balls times its normal; return its Q.
+
+    That is 6 / sqrt(3) times the area by the longest side and half the perimeter: 1 where it is
+    equilateral, 0 where it is flat.
+    """
+    x, y, z, square = 0.0, 0.0, 0.0, 0.0
+    for d in range(3):
+        i, j = (d + 1) % 3, (d + 2) % 3
+        out[d] = (b[i] - a[i]) * (c[j] - a[j]) - (b[j] - a[j]) * (c[i] - a[i])
+        square += out[d] * out[d]
+        x += (b[d] - a[d]) ** 2
+        y += (c[d] - b[d]) ** 2
+        z += (a[d] - c[d]) ** 2
+    around = np.sqrt(x) + np.sqrt(y) + np.sqrt(z)
+    return 6.0 / np.sqrt(3.0) * np.sqrt(square) / (np.sqrt(max(x, y, z)) * around + 1e-300)
+
+
+@kernel
+def spoils(u, v, ball, balls, faces):
+    """How many times dearer merging u and v into a ball is, for triangles that fold or get flat.
+
+    They fold where they turn by more than 78 degrees, and are flat where Q is below 0.2 and that of
+    the worst one before.
+    """
+    before, after = np.empty(3), np.empty(3)
+    worst, best = 1.0, 1.0
+    for w, other in ((u, v), (v, u)):
+        end = faces.heads[w]
+        while end >= 0:
+            t, k = end // 3, end % 3
+            a, b = faces.rows[t, (k + 1) % 3], faces.rows[t, (k + 2) % 3]
+            worst = min(worst, normal_of(balls[w], balls[a], balls[b], before))
+            if a != other and b != other:
+                best = min(best, normal_of(ball, balls[a], balls[b], after))
+                same, x, y = 0.0, 0.0, 0.0
+                for d in range(3):
+                    same += before[d] * after[d]
+                    x += before[d] * before[d]
+                    y += after[d] * after[d]
+                if same < UNFOLDED * np.sqrt(x * y):
+                    return FOLDED
+            end = faces.after[end]
+    return FLATTENED if best < min(FLAT, worst) else 1.0
+
+
+@kernel
 def contract(u, v, edges, faces, mark):
     """Move all that hangs on v to u; what becomes a point, or is there twice, goes.
 
@@ -381,7 +437,8 @@ def collapse(balls, quadrics, edges, faces, aim, room, out):
     contracted, until one of their ends changes or 3 % of the vertices are gone. Where an end
     changes and the cost can only grow, it is computed anew when it is the lowest. There is room for
     two entries an edge, on the heap for some that hold no more. Where sheets shall stay `whole`,
-    that holds until no edge is left that lets them.
+    that holds until no edge is left that lets them, and edges that spoil triangles wait for dearer
+    ones.
     """
     keys, names, waiting = room
     target, largest, whole = aim
@@ -393,7 +450,7 @@ def collapse(balls, quadrics, edges, faces, aim, room, out):
     given = (balls, quadrics, largest, np.empty(15), np.empty((4, 4)), ball)
     changed, known = np.zeros(n, np.int64), np.zeros(total, np.int64)  # steps
     cost, grows = np.zeros(total), np.ones(total, np.bool_)
-    waits = np.ones(total, np.bool_)
+    waits, dearer = np.ones(total, np.bool_), np.zeros(total, np.bool_)
     for e in range(total):
         waiting[e] = e
     left, looked_at, size, last, steps = n, n + 1, 0, total, 0
@@ -406,7 +463,7 @@ def collapse(balls, quadrics, edges, faces, aim, room, out):
             for i in range(last):
                 e = waiting[i]
                 if live[e] and waits[e]:
-                    waits[e], known[e] = False, steps
+                    waits[e], dearer[e], known[e] = False, False, steps
                     cost[e], grows[e] = _merged(edges.rows[e, 0], edges.rows[e, 1], *given)
                     size = push(keys, names, size, cost[e], e)
             last, looked_at = 0, left
@@ -419,19 +476,25 @@ def collapse(balls, quadrics, edges, faces, aim, room, out):
             continue
         u, v = edges.rows[e, 0], edges.rows[e, 1]
         if known[e] < max(changed[u], changed[v]):
-            known[e] = steps
+            dearer[e], known[e] = False, steps
             cost[e], grows[e] = _merged(u, v, *given)
             size = push(keys, names, size, cost[e], e)
             continue
+        _merged(u, v, *given)
         if whole:
             good = keeps_sheets(u, v, edges, faces, mark, scratch)
+            factor = spoils(u, v, ball, balls, faces) if good and not dearer[e] else 1.0
+            if factor > 1.0:
+                dearer[e] = True
+                cost[e] = factor * cost[e] + 1e-300
+                size = push(keys, names, size, cost[e], e)
+                continue
         else:
             good = may_contract(u, v, edges, faces, mark, forest, flag)
         if not good:
             waiting[last], waits[e] = e, True
             last += 1
             continue
-        _merged(u, v, *given)
         contract(u, v, edges, faces, mark)
         for k in range(15):
             quadrics[u, k] += quadrics[v, k]
@@ -449,6 +512,7 @@ def collapse(balls, quadrics, edges, faces, aim, room, out):
                 now, best = _merged(edges.rows[e, 0], edges.rows[e, 1], *given)
                 if (waits[e] or now < cost[e]) and size < len(keys):
                     waits[e], cost[e], grows[e], known[e] = False, now, best, steps
+                    dearer[e] = False
                     size = push(keys, names, size, now, e)
             end = edges.after[end]
     return steps

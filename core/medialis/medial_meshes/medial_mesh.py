@@ -6,84 +6,45 @@ refined where it is worst; every step keeps the homotopy type.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
 
-from medialis.base.arrays import Index, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, choice, length, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_together
-from medialis.base.validation import FloatArray, require_rows
-from medialis.medial_meshes.distances import boundary_points, measure
+from medialis.base.validation import FloatArray
+from medialis.medial_meshes.collapsing import EVEN_HOLD, HOLD, coarser, collapse, evened, planes_of
+from medialis.medial_meshes.distances import measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
-from medialis.medial_meshes.fins import Planes, creased, finless, is_round, on_reflex_edges, useful
+from medialis.medial_meshes.fins import creased, finless, is_round, on_reflex_edges, useful
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
+from medialis.medial_meshes.refining import (
+    APART,
+    NEARLY_WORST,
+    Fault,
+    Hollows,
+    faults_of,
+    refined,
+    refined_at_once,
+)
 from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
 from medialis.medial_meshes.roofs import planes_of as planes_of_faces
-from medialis.medial_meshes.sampling import Samples, Solid, take_samples, without_holes
+from medialis.medial_meshes.sampling import Solid, take_samples, without_holes
 from medialis.shape.shape import Shape
-
-HOLD = 1e-3  # halved 100 %, doubled 100 %
-"""Weight of staying in place against the planes of the surface, which alone leave slack."""
 
 ENOUGH = 0.75
 """Share of the vertices of a polyhedron's structure from which on balls are placed on that: fewer
 are better placed freely."""
 
-TOUCHED = 0.1
-"""Weight of the planes that a ball of a polyhedron touches, in those of balls in the mean."""
-
-FLAT_HOLD = 1e-7
-"""The same where the planes are those of a polyhedron: they leave slack only along sheets and
-seams, and merging along these must cost less than the smallest sheet."""
-
-RIM = 1e-4
-"""Radii up to which balls of a polyhedron are on its edges and corners."""
-
-LEAST_WEIGHT = 1e-9  # halved 80 %, doubled 100 %
-"""Share of the whole area that each ball counts as, so that none is free."""
-
-LARGEST = 0.5  # halved 0 %, doubled 0 %
-"""No merged ball is larger, in diagonals."""
-
-PART = 0.12  # halved 35 %, doubled 43 %
-"""Share of a ball from which on a place belongs to it: else it lies on the others alone."""
-
-APART = 0.04  # halved 44 %, doubled 98 %
-"""Places that get new balls at the same time are at least this far apart, in diagonals."""
-
-NEARLY_WORST = 0.6  # halved 100 %, doubled 100 %
-"""Part of the largest error from which on a place gets a ball in the same round."""
-
 LEAST_SHARE = 0.01
 """The same where balls are still missing in the end, at least."""
-
-TRIED = 100  # halved 0 %, doubled 0 %
-"""Faults that are looked at for each ball to be added, at most: the worst."""
-
-NEAR_RADII, NEAR = 0.5, 0.02  # halved 0 %, doubled 49 %; halved 0 %, doubled 49 %
-"""Parts of its radius, and diagonals, up to which the wanted ball may lie off its place."""
-
-HOLLOWS_LOOKED_AT = 40_000  # halved 27 %, doubled 27 %
-"""Points of the envelope that are looked at by default, about."""
-
-MOST = 600  # halved 0 %, doubled 0 %
-"""Places that join a fit, at most: the deepest."""
-
-SHALLOW = 0.3  # halved 33 %, doubled 26 %
-"""Places of less than this part of the largest depth do not join."""
-
-FROM = 0.9  # halved 34 %, doubled 51 %
-"""Places join from this part of the error at the samples on."""
-
-LEAST, MOST_HELD = 0.1, 0.5  # halved 36 %, doubled 42 %; halved 85 %, doubled 43 %
-"""How deep the envelope has to hold a place, as parts of its depth."""
 
 RESIDUALS, MOST_RESIDUALS = 4000, 40_000  # halved 100 %, doubled 94 %; halved 0 %, doubled 0 %
 """Samples that a fit looks at, and at most where there are many balls."""
@@ -100,9 +61,15 @@ STRICT = 5.0  # halved 64 %, doubled 80 %
 EARLY = 0.5  # halved 83 %, doubled 88 %
 """Share of the samples that the first fits look at."""
 
+KEPT_BACK = 0.02
+"""Share of many balls that is added where the first fit is worst."""
+
 MANY = 600  # halved 0 %, doubled 0 %
-"""More balls than this are not refined, and fitted with few steps: they are near already. Their
-sheets stay whole; with fewer balls, merging across seams leaves smaller errors."""
+"""More balls than this are fitted with few steps: they are near already. Their sheets stay whole,
+with even triangles; with fewer balls, merging across seams leaves smaller errors."""
+
+OFF = 1e-3
+"""Diagonals: so far, at most, flipped edges are from those before."""
 
 FIN = 1e-3
 """Diagonals: so far, at most, samples may be from the balls that stay where sheets are taken away.
@@ -138,200 +105,11 @@ PLANS = {
     "first": ((2, 6), (4, 6)),
     "round": ((4, 4), (9, 4)),
     "last": ((9, 8), (16, 8)),
-    "many": ((2, 4), (6, 4), (12, 6)),
-    "closed": ((6, 4),),
+    "many": ((2, 4), (6, 4)),
+    "more": ((4, 3), (9, 4)),
+    "end": ((12, 4),),
 }
 """Powers and steps of the fits."""
-
-
-def planes_of(
-    samples: Samples,
-    balls: FloatArray,
-    owner: Index,
-    roof: Roof | None = None,
-    touched: Planes | None = None,
-) -> FloatArray:
-    """Return the quadric of each ball: the planes of the candidates that belong to it, (v, 15).
-
-    Balls of a polyhedron also have its planes that they touch, and those on its edges and corners
-    stay small: else they could slide along sheets, and small sheets may have no candidate at all.
-    """
-    from medialis.medial_meshes._collapse_kernels import add_places, add_planes
-
-    require_rows(owner, len(balls), "samples of balls")
-    quadrics = np.zeros((len(balls), 15))
-    add_planes(samples.points, samples.normals, samples.areas, owner, quadrics)
-    weights = np.bincount(owner, samples.areas, len(balls))
-    weights += LEAST_WEIGHT * weights.sum()
-    add_places(balls, (HOLD if roof is None else FLAT_HOLD) * weights, quadrics)
-    if roof is not None:
-        ball, plane = (x.copy() for x in np.nonzero(roof.touched(balls)))
-        normals, feet = -roof.planes[plane, :3], -roof.planes[plane, 3:] * roof.planes[plane, :3]
-        touched = Planes(ball, feet, normals)
-    if touched is not None and len(touched.ball):
-        ball, feet, normals = touched
-        share = TOUCHED * float(weights.mean())
-        add_planes(feet, normals, np.full(len(ball), share), ball, quadrics)
-        rim = balls[:, 3] < RIM
-        quadrics[rim, 9] += np.maximum(weights[rim], share)
-    return quadrics
-
-
-def collapse(start: Complex, quadrics: FloatArray, target: int, *, whole: bool = False) -> Collapse:
-    """Merge vertices, the cheapest pair first, until `target` are left or none may be merged.
-
-    Sheets stay `whole`, if wanted, as long as they can.
-    """
-    from medialis.medial_meshes._collapse_kernels import Aim, Hung, Room, Steps, link_all
-    from medialis.medial_meshes._collapse_kernels import collapse as run
-
-    count = len(start)
-    lists = []
-    for given in (start.edges, start.faces):
-        require_rows(given, count, "edges and faces")
-        rows = given.astype(np.int32)  # half as much memory is gone through in half the time
-        heads, after, before = (np.empty(n, np.int32) for n in (count, rows.size, rows.size))
-        lists.append(Hung(rows, np.ones(len(rows), bool), heads, after, before))
-        link_all(lists[-1])
-    size = 2 * len(start.edges) + 1
-    room = Room(np.empty(size), np.empty(size, np.int32), np.empty(size, np.int32))
-    steps = Steps(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, 4)))
-    made = run(
-        start.balls.copy(), quadrics.copy(), *lists, Aim(target, LARGEST, whole), room, steps
-    )
-    return Collapse(start, *Steps._make(values[:made].copy() for values in steps))
-
-
-def subdivided(given: Complex, row: Index, shares: FloatArray, ball: FloatArray) -> Complex:
-    """Put a ball on a primitive: on its triangle, on an edge, or as a leaf at one of its balls."""
-    new = len(given)
-    there = row >= 0
-    corners = row[there][shares[there] > PART]
-    edges, faces = given.edges, given.faces
-    more_edges = [(int(v), new) for v in corners]
-    more_faces: list[tuple[int, ...]] = []
-    if len(corners) == 2:
-        a, b = (int(v) for v in corners)
-        edges = edges[~((edges == a).any(axis=1) & (edges == b).any(axis=1))]
-        around = (faces == a).any(axis=1) & (faces == b).any(axis=1)
-        for face in faces[around]:
-            c = int(face.sum()) - a - b
-            more_edges.append((c, new))
-            more_faces += [(a, c, new), (b, c, new)]
-        faces = faces[~around]
-    elif len(corners) == 3:
-        a, b, c = (int(v) for v in corners)
-        faces = faces[~(faces == np.sort(corners)).all(axis=1)]
-        more_faces = [(a, b, new), (b, c, new), (a, c, new)]
-    return Complex(
-        np.vstack([given.balls, ball]),
-        np.concatenate([edges, np.array(more_edges, np.int64).reshape(-1, 2)]),
-        np.sort(np.concatenate([faces, np.array(more_faces, np.int64).reshape(-1, 3)]), axis=1),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Fault:
-    """Places where a fitted complex is wrong, and the balls that would be right there.
-
-    Attributes
-    ----------
-    places : (q, 3) float64
-    errors : (q,) float64
-    balls : (q, 4) float64
-    feet : (q, 3) float64
-        Where in the complex the ball belongs: near the primitive next to this place.
-    """
-
-    places: FloatArray
-    errors: FloatArray
-    balls: FloatArray
-    feet: FloatArray
-
-    @classmethod
-    def joined(cls, faults: list[Fault]) -> Fault:
-        """Put several together."""
-        names = ("places", "errors", "balls", "feet")
-        return cls(*(np.concatenate([getattr(one, name) for one in faults]) for name in names))
-
-
-def faults_of(fit: Fit, fine: FloatArray) -> Fault:
-    """Return samples off the envelope, and places of the complex whose balls stick out.
-
-    `fine` (c, 4) are the balls of all points of the surface.
-    """
-    now, rows = fit.now, fit.target.rows
-    places = fit.target.points[rows]
-    off = Fault(places, np.abs(now.distance[: len(rows)]), fine[rows], places)
-    between = fit.between(fit.balls, now.over_at)
-    shrunk = between.copy()
-    shrunk[:, 3] = np.maximum(between[:, 3] + now.over, 0.0)
-    out = Fault(fit.target.bounds.points[now.near], -now.over, shrunk, between[:, :3])
-    return Fault.joined([off, out])
-
-
-def refined(
-    given: Complex, faults: Fault, most: int, apart: float = APART, share: float = NEARLY_WORST
-) -> Complex:
-    """Add at most this many balls to a complex, for faults of some share of the worst."""
-    order = np.argsort(-faults.errors, kind="stable")[: TRIED * most]
-    done: list[FloatArray] = []
-    result = given
-    for i in order:
-        if len(done) == most or faults.errors[i] < share * faults.errors[order[0]]:
-            break
-        place = faults.places[i]
-        if any(((place - other) ** 2).sum() < apart**2 for other in done):
-            continue
-        envelope = Envelope.of(result)
-        _, nearest, (shares,) = envelope.distances(faults.feet[i][None])
-        row = envelope.rows[nearest[0]]
-        result = subdivided(result, row, shares, _new_ball(result, row, shares, faults.balls[i]))
-        done.append(place)
-    return result
-
-
-def _new_ball(given: Complex, row: Index, shares: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Return the wanted ball where it is near its place in the complex, else the one there."""
-    row, shares = row[row >= 0], shares[row >= 0]
-    here = shares @ given.balls[row]
-    near = np.linalg.norm(wanted[:3] - here[:3]) < NEAR_RADII * here[3] + NEAR
-    return wanted if near or (shares > PART).sum() == 1 else here
-
-
-@dataclass(frozen=True)
-class Hollows:
-    """What finds the hollows of envelopes in a solid, which its fine complex tells."""
-
-    fine: FineComplex
-    surface: Bounds
-
-    def of(
-        self, given: Complex, off: float, points: int = HOLLOWS_LOOKED_AT
-    ) -> tuple[FloatArray, float]:
-        """Return places (i, 5) as a `Target` takes them, and the largest depth.
-
-        An envelope that is nowhere farther than `off` from the surface holds a place by its depth
-        less `off`. What is missing counts as the depth where the envelope ends at the place: that
-        is the error then. The largest depth is told whether or not places join.
-        """
-        places, _ = boundary_points(Envelope.of(given), points)
-        _, near = self.surface.nearest(places)
-        samples = self.fine.samples
-        way = samples.points[near] - places
-        depth = np.maximum(np.einsum("ij,ij->i", way, samples.normals[near]), 0.0)
-        deepest = float(depth.max(initial=0.0))
-        deep = np.flatnonzero(depth > max(SHALLOW * deepest, FROM * off))
-        worst = deep[np.argsort(-depth[deep], kind="stable")[:MOST]]
-        places, depth = places[worst], depth[worst]
-        held = np.clip(depth - off, LEAST * depth, MOST_HELD * depth)
-        return np.column_stack([places, held, depth / held]), deepest
-
-    def faults(self, places: FloatArray) -> Fault:
-        """Return faults at such places, each with the fine ball nearest to it."""
-        points, balls = places[:, :3], self.fine.balls
-        nearest = kd_tree(balls[:, :3]).query(points)[1]
-        return Fault(points, self.surface.nearest(points)[0], balls[nearest], points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,10 +175,9 @@ class Search:
         roof = self.base.roof
         if roof is not None and self.balls >= len(roof):
             return roof.mesh(self.balls)
+        if self.balls > MANY:
+            return self._many()
         start, _ = self.base.sequence.level(self.balls)
-        if len(start) > MANY:
-            target = self._with_worst(start, self._all.within)
-            return self._closed(self._measured(start, target, "many"))
         if quality == "fast":
             return self._fitted(start, self._all, "fast").mesh
         start, _ = self.base.sequence.level(int(START * self.balls))
@@ -480,6 +257,29 @@ class Search:
         target = self._with_worst(found.mesh, found.target.within)
         return replace(found, target=target)
 
+    def _many(self) -> Complex:
+        """Fit many balls; some are kept back, and come where all candidates tell that it is off."""
+        start, _ = self.base.sequence.level(self.balls - int(KEPT_BACK * self.balls))
+        fit = self._fitted(evened(start, OFF), self._all, "many")
+        for plan, share in (("more", 0.5), ("end", 1.0)):
+            self.progress.update(0.4 + 0.4 * share)
+            faults, target = self._looked_at(fit.mesh, fit.target.within)
+            missing = self.balls - len(fit.mesh)
+            now = refined_at_once(fit.mesh, faults, math.ceil(share * missing))
+            fit = self._fitted(now, target, plan)
+        return fit.mesh
+
+    def _looked_at(self, now: Complex, within: FloatArray) -> tuple[Fault, Target]:
+        """Look at all candidates and for hollows; return faults, and a target that has them."""
+        target = self._with_worst(now, within)
+        fit = Fit(now, target, DAMPING, self._still)
+        places, depth = self.base.hollows.of(now, fit.now.off)
+        faults = faults_of(fit, self.base.own)
+        if depth > fit.now.off:
+            target = target.with_within(places)
+            faults = Fault.joined([faults, self.base.hollows.faults(places)])
+        return faults, target
+
     def _last(self, best: _Found) -> Complex:
         """Fit until that gets no nearer; deep hollows join."""
         now = best
@@ -490,13 +290,6 @@ class Search:
             best = now
         return best.mesh
 
-    def _closed(self, found: _Found) -> Complex:
-        """Fit once more where hollows are deep."""
-        if len(found.target.within) == len(self._all.within):
-            return found.mesh
-        again = self._fitted(found.mesh, found.target, "closed")
-        return again.mesh if again.now.largest < found.error else found.mesh  # hollows included
-
     def _with_worst(self, now: Complex, within: FloatArray) -> Target:
         """Return a target that looks at the worst of all candidates and vertices as well."""
         target, (points, normals) = self._all, self._everywhere
@@ -504,14 +297,6 @@ class Search:
         distance[: len(target.points)][self.base.fine.samples.areas == 0] = 0.0  # mirrored ones
         worst = np.argsort(-distance, kind="stable")[:WORST]
         return Target(points, normals, np.union1d(target.rows, worst), within, target.bounds)
-
-
-def coarser(samples: Samples, found: Complex, roof: Roof | None = None) -> Collapse:
-    """Collapse a fitted complex further; each candidate pulls at the ball next to it."""
-    envelope = Envelope.of(found)
-    _, row, shares = envelope.distances(samples.points)
-    nearest = envelope.rows[row, shares.argmax(axis=1)]
-    return collapse(found, planes_of(samples, found.balls, nearest, roof), 1)
 
 
 SAMPLES_A_BALL = 4  # halved 0 %, doubled 0 %
@@ -673,9 +458,11 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
                 fine = complex_of(roof, take_samples(solid, count, options.seed), count)
         with progress.stage("collapse", 0.7, 1.0):
             start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
-            planes = planes_of(samples, fine.balls, fine.pole, roof, touched)
+            hold = EVEN_HOLD if whole else HOLD
+            least = MANY if whole and not is_round(solid, fine) else 1
+            planes = planes_of(samples, fine.balls, fine.pole, roof, touched, hold)
             sequence, bounds = run_together(
-                lambda: collapse(start, planes, 1, whole=whole),
+                lambda: collapse(start, planes, least, whole=whole),
                 lambda: Bounds(samples.points, samples.normals),  # in order for the fits
             )
             return Base(solid, fine, sequence, bounds, roof)
