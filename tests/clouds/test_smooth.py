@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 import closed_forms
 import medialis
 from medialis.base.progress import Progress
-from medialis.clouds.quadrics import on_quadrics
+from medialis.clouds.quadrics import on_quadrics, within_scatter
 from medialis.clouds.smoothing import jitter
 
 LEVEL = 0.003  # of the diagonal
@@ -168,3 +168,25 @@ def test_the_scatter_of_a_dense_cloud_is_measured():
     assert jitter(sphere) == pytest.approx(noise, rel=0.15)
     clean = sphere / np.linalg.norm(sphere, axis=1, keepdims=True)
     assert jitter(clean) == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 2])
+def test_the_scatter_of_a_square_at_the_limit_of_discs_is_measured(seed):
+    """Half of its groups of neighbourhoods were no discs, so it was called clean."""
+    rng = np.random.default_rng(seed)
+    square = np.column_stack([rng.uniform(-1, 1, (20000, 2)), np.zeros(20000)])
+    level = 0.01 * np.linalg.norm(np.ptp(square, axis=0))
+    found = jitter(square + level * rng.normal(size=square.shape))
+    assert found == pytest.approx(level, rel=0.1)
+
+
+def test_tails_of_the_scatter_are_of_the_surface_and_what_lies_beyond_its_rim_is_not():
+    """Of a square with noise s: points up to 3 s off it stay where they lie over it."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (3000, 3)) * [1, 1, 0]
+    points[:, 2] = np.clip(0.02 * rng.normal(size=3000), -0.04, 0.04)
+    asked = np.array([[0.2, 0.1, 0.05], [-0.3, 0.4, 0.075], [1.4, 0.0, 0.0], [0.5, 0.5, 0.3]])
+    noise = np.arange(3004) >= 3000
+    told = within_scatter(np.concatenate([points, asked]), noise, 0.02, Progress())
+    assert not told[:3000].any() and told[3000:].tolist() == [True, False, False, False]

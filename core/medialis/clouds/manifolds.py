@@ -252,6 +252,23 @@ def classified_places(
     return moved, Speakers(place, places, chosen, apart)
 
 
+def _classified(
+    cloud: Any, points: FloatArray, smooth: bool, progress: Progress
+) -> tuple[FloatArray, Speakers]:
+    work = partial(classified_places, points, smooth, progress)
+    return kept(classified_places, cloud, smooth, work, progress)
+
+
+def scatter_of(cloud: Surface, options: ManifoldsOptions, progress: Progress) -> float:
+    """Return how far points scatter about their surfaces, as `manifolds` has measured it.
+
+    The standard deviation in the units of the points; 0 where they do not, or it was not asked.
+    """
+    _, speakers = _classified(cloud, cloud.points, options.smooth, progress.still)
+    size = math.hypot(*np.ptp(cloud.points, axis=0))
+    return size * speakers.apart / SCATTERS_APART
+
+
 def different_rows(points: FloatArray, keys: FloatArray) -> tuple[FloatArray, Index]:
     """Return the different rows, and which of them each point is.
 
@@ -356,8 +373,7 @@ def manifolds(
     """
     points = cloud.points if isinstance(cloud, Surface) else as_points(cloud)
     with progress.stage("smoothing", 0.0, 0.5):
-        work = partial(classified_places, points, options.smooth, progress)
-        places, speakers = kept(classified_places, cloud, options.smooth, work, progress)
+        places, speakers = _classified(cloud, points, options.smooth, progress)
     places = frozen(places, np.float64)  # kernels are compiled for read-only ones alone
     if len(places) < FEWEST_PLACES:
         none = Ragged(np.zeros(len(points) + 1, np.int64), np.empty(0, np.int32))

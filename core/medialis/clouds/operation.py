@@ -27,8 +27,9 @@ from medialis.clouds.manifolds import (
     different_rows,
     manifold_surfaces,
     manifolds,
+    scatter_of,
 )
-from medialis.clouds.quadrics import on_quadrics
+from medialis.clouds.quadrics import on_quadrics, within_scatter
 from medialis.clouds.smoothing import dense_points, jitter
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import places
@@ -206,11 +207,16 @@ class RemoveOutliersRun(ManifoldsOptions):
 
 def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Progress) -> Outcome:
     """Keep the points that belong to a manifold."""
-    with progress.stage("manifolds", 0.0, 1.0):
+    with progress.stage("manifolds", 0.0, 0.8):
         found = manifolds.of(shape, options, progress)
     noise = found.point_class == PointClass.NOISE
     dense = dense_points(shape.points, noise, options.min_points, progress)
-    kept = ~noise | dense
+    kept, scatter = ~noise | dense, scatter_of(shape, options, progress)
+    tails = np.zeros(len(kept), bool)
+    with progress.stage("tails", 0.8, 1.0):
+        if scatter > 0.0:
+            tails = within_scatter(shape.points, ~kept, scatter, progress.still)
+    kept |= tails
     if not kept.any():
         least = options.min_points
         advice = "Try larger angles or more neighbours."
@@ -220,7 +226,7 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
             f"None of the {shape.point_count} points lies on a smooth surface: nothing is left. "
             + advice
         )
-    _note_removed(found, kept, dense, progress)
+    _note_removed(found, kept, dense, tails, progress)
     note_mostly_noise(found, progress)
     source = np.flatnonzero(kept).astype(np.int32)
     fields = {"manifold": found.labels()[kept], "source": source}
@@ -238,7 +244,9 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
     )
 
 
-def _note_removed(found: ManifoldSet, kept: Mask, dense: Mask, progress: Progress) -> None:
+def _note_removed(
+    found: ManifoldSet, kept: Mask, dense: Mask, tails: Mask, progress: Progress
+) -> None:
     """Say how many points go, and why, and how many stay although they lie on no smooth patch."""
     removed = int((~kept).sum())
     rough = int((~kept & (found.patch_counts == 0)).sum())
@@ -254,6 +262,12 @@ def _note_removed(found: ManifoldSet, kept: Mask, dense: Mask, progress: Progres
             "together as the surface beside them: kept, as thin or sharp parts of it."
         )
         progress.note(text, "dense_kept", points=stay)
+    if stay := int(tails.sum()):
+        text = (
+            f"{counted(stay, 'point', verbs=('lies', 'lie'))} on no smooth patch, but no farther "
+            "off a surface than others scatter about it: kept."
+        )
+        progress.note(text, "tails_kept", points=stay)
 
 
 REMOVE_OUTLIERS = Operation(

@@ -11,11 +11,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from medialis.base.arrays import Index, kd_tree
+from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.progress import Progress
 from medialis.base.threads import nearest_rows, run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray
-from medialis.clouds.smoothing import SCATTERS_APART, neighbours_of, without_jitter
+from medialis.clouds.smoothing import (
+    AROUND,
+    FARTHER,
+    SCATTERS_APART,
+    neighbours_of,
+    without_jitter,
+)
 from medialis.skeleton.surface_skeleton import points_apart
 
 NEIGHBOURS = 70
@@ -36,11 +42,16 @@ SURFACES = 3
 SAMPLES = 1000
 """Neighbourhoods that tell how dense the cloud is."""
 
+TAIL = 3.0
+"""Scatters off the surface of the others up to which a point is of it: of its own 0.3 % are not."""
+
 CHUNK = 512
 
 
-def on_quadrics(points: FloatArray, scatter: float, progress: Progress) -> FloatArray:
-    """Move points onto the surface that they scatter about.
+def on_quadrics(
+    points: FloatArray, scatter: float, progress: Progress, queries: FloatArray | None = None
+) -> FloatArray:
+    """Move points onto the surface that they scatter about, or others onto theirs.
 
     Parameters
     ----------
@@ -49,10 +60,12 @@ def on_quadrics(points: FloatArray, scatter: float, progress: Progress) -> Float
     scatter : float
         Standard deviation in the units of the points, above 0.
     progress : Progress
+    queries : (q, 3) float64, optional
+        Moved instead of the points.
 
     Returns
     -------
-    (n, 3) float64
+    (n, 3) or (q, 3) float64
         Points that no surface passes within six times the scatter stay.
 
     Notes
@@ -61,26 +74,64 @@ def on_quadrics(points: FloatArray, scatter: float, progress: Progress) -> Float
     """
     from medialis.clouds._quadric_kernels import move_onto_quadrics
 
-    moved = points.copy()
-    if len(points) <= PLANE:
+    given = points if queries is None else queries
+    moved, count = given.copy(), len(given)
+    if len(points) <= PLANE or count == 0:
         return moved
     places, normals, chosen = _planes(points, scatter, progress)
     tree = run_patiently(lambda: kd_tree(points[chosen]), progress)
-    beside = nearest_rows(tree, points, min(SURFACES, len(chosen)), progress).reshape(
-        len(points), -1
-    )
-    heights = np.einsum("ijk,ijk->ij", places[beside] - points[:, None], normals[beside])
+    beside = nearest_rows(tree, given, min(SURFACES, len(chosen)), progress).reshape(count, -1)
+    heights = np.einsum("ijk,ijk->ij", places[beside] - given[:, None], normals[beside])
     nearest = np.abs(heights).argmin(axis=1)
-    each = np.arange(len(points))
+    each = np.arange(count)
     own, height = beside[each, nearest], heights[each, nearest]
-    starts = np.column_stack([points, normals[own], height])
+    starts = np.column_stack([given, normals[own], height])
     fewer = _thinned(points, scatter, progress)
     tree = run_patiently(lambda: kd_tree(fewer), progress)
-    near = nearest_rows(tree, points, min(NEIGHBOURS, len(fewer)), progress)
-    near = np.ascontiguousarray(near.reshape(len(points), -1), np.int32)
-    given = fewer, near, starts, scatter, BANDS, moved
-    run_chunks(move_onto_quadrics, len(points), CHUNK, *given, progress=progress)
+    near = nearest_rows(tree, given, min(NEIGHBOURS, len(fewer)), progress)
+    near = np.ascontiguousarray(near.reshape(count, -1), np.int32)
+    known = fewer, near, starts, scatter, BANDS, moved
+    run_chunks(move_onto_quadrics, count, CHUNK, *known, progress=progress)
     return moved
+
+
+def within_scatter(points: FloatArray, noise: Mask, scatter: float, progress: Progress) -> Mask:
+    """Tell which points of noise scatter about the surface of the others, no farther than these.
+
+    Patches of a scattering surface lose its tails. A point beyond a border lies on a quadric, too:
+    where it would be on the surface others must lie as close as they do there.
+
+    Parameters
+    ----------
+    points : (n, 3) float64
+    noise : (n,) bool
+    scatter : float
+        Standard deviation in the units of the points, above 0.
+    progress : Progress
+
+    Returns
+    -------
+    (n,) bool
+        A part of `noise`.
+    """
+    others, rest = np.unique(points[~noise], axis=0), np.flatnonzero(noise)
+    result = np.zeros(len(points), bool)
+    if len(others) <= AROUND:
+        return result
+    places = on_quadrics(others, scatter, progress, points[rest])
+    off = np.linalg.norm(places - points[rest], axis=1)
+    near = (off > 0.0) & (off < TAIL * scatter)
+    rest, places = rest[near], places[near]
+    if len(rest) == 0:
+        return result
+    tree = run_patiently(lambda: kd_tree(others), progress)
+    beside = nearest_rows(tree, places, AROUND, progress)
+    last = np.linalg.norm(others[beside[:, -1]] - places, axis=1)
+    asked, row = np.unique(beside, return_inverse=True)
+    far = others[nearest_rows(tree, others[asked], AROUND + 1, progress)[:, -1]]
+    usual = np.linalg.norm(far - others[asked], axis=1)[row.reshape(beside.shape)]
+    result[rest] = last <= FARTHER * np.median(usual, axis=1)
+    return result
 
 
 def _planes(
