@@ -123,6 +123,20 @@ def test_a_quadruped_that_stands_upright_may_be_a_biped_that_sits(up):
     assert rig is None and "sits" in doubt
 
 
+def test_legs_that_are_wide_apart_may_be_those_of_a_biped_that_sits():
+    """A teddy that sits had the names of a quadruped; what points up tells."""
+    low = (0.5, -0.5, -0.1, 0.1), (0.5, -0.52, -0.7, 0.08), (0.5, -0.62, -0.72, 0.06)
+    toad = (
+        ((0, 0.5, 0, 0.38), (0, -0.5, 0, 0.4), (0, -1, 0.2, 0.2), (0, -1.3, 0.25, 0.2)),
+        *both((0, -0.5, 0, 0.4), *low),
+        *both((0, 0.5, 0, 0.38), *((x, y + 1, z, r) for x, y, z, r in low)),
+    )
+    rig, doubt = figure_bones(stick(toad, 1.0), 1.0)
+    assert rig is None and "--up" in doubt
+    rig, doubt = figure_bones(stick(toad, 1.0), 1.0, "z")
+    assert rig is not None and rig.kind == "quadruped" and not doubt
+
+
 @pytest.fixture(scope="module")
 def person():
     return known_figures.biped("person", "t")
