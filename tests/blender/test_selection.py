@@ -46,6 +46,20 @@ def test_picked_vertices_are_the_ends_of_paths(with_modifier, creature):
     assert np.allclose(np.concatenate(ends), given[[0, 1, 1, 2]], atol=allowed)
 
 
+def test_picked_vertices_are_the_ends_of_a_centerline(creature):
+    """From the first to the second, whichever number is lower."""
+    points = medialis.organic_shape(56).points
+    picked = [int(np.argmax(points[:, 0])), int(np.argmin(points[:, 0]))]
+    pick(creature, *picked)
+    assert bpy.ops.medialis.centerline() == {"FINISHED"}
+    line = bpy.context.active_object.data
+    found, distance = read_back(line, "position"), read_back(line, "distance")
+    for place, vertex in ((np.argmin(distance), 0), (np.argmax(distance), 1)):
+        other = 1 - vertex
+        near = np.linalg.norm(points[picked[vertex]] - found[place])
+        assert near < 0.2 * np.linalg.norm(points[picked[other]] - found[place])
+
+
 def test_one_vertex_is_no_path(creature):
     pick(creature, 7)
     with pytest.raises(RuntimeError, match="Select 2 to 100 vertices"):

@@ -223,6 +223,16 @@ def test_several_starts_share_the_ends(tmp_path, fork):
         medialis.run("centerline", given, places=str(picked), starts=3)
 
 
+def test_samples_without_a_ball_cut_no_line(tmp_path):
+    """The tip of the tail has a ball, and all its neighbours have none: no path led there."""
+    shape = medialis.organic_shape(56)
+    picked = tmp_path / "places.txt"
+    ends = [int(np.argmax(shape.points[:, 0])), int(np.argmin(shape.points[:, 0]))]
+    picked.write_text("\n".join(map(str, ends)))
+    result = medialis.run("centerline", shape, places=str(picked))
+    assert result.values["length_max"] > np.ptp(shape.points[:, 0]) * 0.9
+
+
 def test_what_has_no_line_says_why():
     with pytest.raises(medialis.InvalidShapeError, match="Give places"):
         medialis.run("centerline", forms.icosphere(3))

@@ -159,8 +159,8 @@ def _links(cloud: MedialCloud) -> Index:
     is linked to those near it whose centers lie in it or that its center lies in: the line between
     such centers is inside.
     """
-    edges = cloud.surface.edges.astype(np.int64)
-    edges = edges[cloud.valid[edges].all(axis=1)]
+    edges = _stand_ins(cloud)[cloud.surface.edges]
+    edges = edges[(edges[:, 0] != edges[:, 1]) & cloud.valid[edges].all(axis=1)]
     rows = np.flatnonzero(cloud.valid & (cloud.radii > 0.0))
     rows = rows[np.argsort(-cloud.radii[rows], kind="stable")]
     octave = np.floor(np.log2(cloud.radii[rows]))
@@ -389,16 +389,32 @@ def _blanked(found: Centerlines, number: int) -> Mask:
 
 
 def nearest_balls(cloud: MedialCloud, vertices: Index) -> Index:
-    """Return the ball of each vertex, or the nearest that is valid in its part."""
-    rows = vertices.copy()
+    """Return the ball of each vertex, or the nearest that is valid in its part.
+
+    Raises
+    ------
+    InvalidShapeError
+        When there is none.
+    """
+    rows = _stand_ins(cloud)[vertices]
+    if not cloud.valid[rows].all():
+        raise InvalidShapeError("A place lies in a part of the shape that holds no ball.")
+    return rows
+
+
+def _stand_ins(cloud: MedialCloud) -> Index:
+    """Return the row of a valid ball for each sample: its own, or the nearest of its part.
+
+    Samples of parts without any keep their own. So samples without a ball cut no tube.
+    """
+    rows = np.arange(len(cloud))
     parts = cloud.surface.components
-    for place in np.flatnonzero(~cloud.valid[vertices]).tolist():
-        near = np.flatnonzero(cloud.valid & (parts == parts[vertices[place]]))
-        if len(near) == 0:
-            raise InvalidShapeError("A place lies in a part of the shape that holds no ball.")
-        points = cloud.surface.points
-        away = np.linalg.norm(points[near] - points[vertices[place]], axis=1)
-        rows[place] = near[int(np.argmin(away))]
+    for part in np.unique(parts[~cloud.valid]).tolist():
+        here = parts == part
+        lost, known = np.flatnonzero(here & ~cloud.valid), np.flatnonzero(here & cloud.valid)
+        if len(known):
+            points = cloud.surface.points
+            rows[lost] = known[kd_tree(points[known]).query(points[lost])[1]]
     return rows
 
 
