@@ -378,7 +378,8 @@ def tried(
         caption = strain.bend.joint
         if row["stretched"] or row["collapsed"]:
             progress.note(_sentence(strain, row["bones"]), "strained", **row)
-            caption += f": {strain.stretched} stretched, {strain.collapsed} collapsed"
+            kinds = ("stretched", "collapsed")
+            caption += ": " + ", ".join(f"{row[kind]} {kind}" for kind in kinds if row[kind])
         panels.append((
             caption,
             Layer("pose", strain.points, shape.faces, attributes={"stretch": strain.stretch},
