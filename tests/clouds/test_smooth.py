@@ -8,7 +8,7 @@ import closed_forms
 import medialis
 from medialis.base.progress import Progress
 from medialis.clouds.quadrics import on_quadrics, within_scatter
-from medialis.clouds.smoothing import jitter
+from medialis.clouds.smoothing import beside_surfaces, jitter
 
 LEVEL = 0.003  # of the diagonal
 
@@ -190,3 +190,15 @@ def test_tails_of_the_scatter_are_of_the_surface_and_what_lies_beyond_its_rim_is
     noise = np.arange(3004) >= 3000
     told = within_scatter(np.concatenate([points, asked]), noise, 0.02, Progress())
     assert not told[:3000].any() and told[3000:].tolist() == [True, False, False, False]
+
+
+def test_outliers_that_fill_a_volume_are_told_from_a_surface_as_dense_once_it_is_thinned():
+    """40,000 points on a square with noise s, and 4,000 in a box: 2.5 s apart."""
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (44000, 3))
+    points[:40000, 2] = 0.05 * rng.normal(size=40000)
+    chosen = np.concatenate([np.arange(0, 40000, 40), np.arange(40000, 44000)])
+    told = beside_surfaces(points, chosen, 0.05, Progress())
+    high = np.abs(points[chosen, 2])
+    inside = (np.abs(points[chosen]) < 0.5).all(axis=1)  # most of the ball of 12 s is in the box
+    assert told[(high > 0.3) & inside].mean() > 0.95 and not told[:1000][high[:1000] < 0.1].any()

@@ -31,7 +31,13 @@ from medialis.base.options import Options, algorithm, angle, flag, whole
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_points, as_whole_number, frozen, hold
-from medialis.clouds.smoothing import SCATTERS_APART, jitter, neighbours_of, without_jitter
+from medialis.clouds.smoothing import (
+    SCATTERS_APART,
+    beside_surfaces,
+    jitter,
+    neighbours_of,
+    without_jitter,
+)
 from medialis.shape.surface import Surface
 from medialis.skeleton.surface_skeleton import points_apart
 
@@ -159,11 +165,16 @@ class ManifoldSet(Bound):
         return frozen(np.bincount(self.manifolds.indices, minlength=self.count), np.int64)
 
     def at(self, rows: Index) -> ManifoldSet:
-        """Return the set of the given points (r,), in their order; they may repeat."""
-        lengths = self.manifolds.lengths[rows]
+        """Return the set of the given points (r,), in their order; they may repeat.
+
+        -1 is one in no manifold, wherever it lies.
+        """
+        known = rows >= 0
+        lengths = np.where(known, self.manifolds.lengths[rows], 0)
         offsets = np.concatenate([[0], np.cumsum(lengths)])
-        chosen = Ragged(offsets, self.manifolds.joined(rows))
-        return ManifoldSet(chosen, self.count, self.patch_counts[rows], points=self.points[rows])
+        chosen = Ragged(offsets, self.manifolds.joined(rows[known]))
+        counts = np.where(known, self.patch_counts[rows], 0).astype(np.int32)
+        return ManifoldSet(chosen, self.count, counts, points=self.points[rows])
 
     def points_of(self, manifold: int) -> Index:
         """Return the points of a manifold, ascending.
@@ -203,7 +214,7 @@ class Speakers:
         """Return the row of each point in a set of the chosen places, (n,).
 
         A place that was left out has that of the nearest chosen one in a manifold, if there is one
-        as near as it must have been.
+        as near as it must have been; -1 where there is none.
         """
         row = np.full(len(self.places), -1)
         row[self.chosen] = np.arange(len(self.chosen))
@@ -248,6 +259,7 @@ def classified_places(
     progress.note(text, "scattered", scatter=scatter)
     apart = SCATTERS_APART * scatter
     chosen = np.flatnonzero(points_apart(places, every, apart))
+    chosen = chosen[~beside_surfaces(places, chosen, scatter, progress.still)]
     moved = without_jitter(places, chosen, scatter, progress)
     return moved, Speakers(place, places, chosen, apart)
 

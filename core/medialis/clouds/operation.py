@@ -30,7 +30,7 @@ from medialis.clouds.manifolds import (
     scatter_of,
 )
 from medialis.clouds.quadrics import on_quadrics, within_scatter
-from medialis.clouds.smoothing import dense_points, jitter
+from medialis.clouds.smoothing import beside_surfaces, dense_points, jitter
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import places
 from medialis.operations.result import FilterUnit, Layer, Outcome
@@ -211,11 +211,13 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
         found = manifolds.of(shape, options, progress)
     noise = found.point_class == PointClass.NOISE
     dense = dense_points(shape.points, noise, options.min_points, progress)
-    kept, scatter = ~noise | dense, scatter_of(shape, options, progress)
-    tails = np.zeros(len(kept), bool)
+    scatter, tails = scatter_of(shape, options, progress), np.zeros(len(noise), bool)
     with progress.stage("tails", 0.8, 1.0):
         if scatter > 0.0:
-            tails = within_scatter(shape.points, ~kept, scatter, progress.still)
+            rows = np.flatnonzero(dense)
+            dense[rows] = ~beside_surfaces(shape.points, rows, scatter, progress.still)
+            tails = within_scatter(shape.points, noise & ~dense, scatter, progress.still)
+    kept = ~noise | dense
     kept |= tails
     if not kept.any():
         least = options.min_points

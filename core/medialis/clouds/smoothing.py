@@ -79,6 +79,14 @@ MIDDLE_DENSITY = 0.5  # halved 89 %, doubled 97 %
 """A place is in the middle of its surface if at least this share of the points lies about it that
 lie about others there: half of what is round the middle is so at 1.8 deviations."""
 
+WIDER = 3.0
+"""Times SURFACE_THICKNESS within which the points about a place are counted again. The number grows
+with the square on surfaces and with the cube in volumes; what is between counts as the nearer one.
+With 2.0 one in ten outliers among others was taken for one on a surface, by chance."""
+
+ENOUGH = 8
+"""Points within SURFACE_THICKNESS of a place that tell how their number grows."""
+
 SAMPLES = 2000  # halved 51 %, doubled 3 %
 """Neighbourhoods that tell how far a cloud scatters."""
 
@@ -234,6 +242,35 @@ def _in_the_middle(points: FloatArray, chosen: FloatArray, near: IntArray, scatt
     around = kd_tree(points).query_ball_point(chosen, SCATTERS_APART * scatter, return_length=True)
     close = np.linalg.norm(chosen[near] - chosen[:, None], axis=2) < SURFACE_THICKNESS * scatter
     return np.asarray(around >= MIDDLE_DENSITY * np.where(close, around[near], 0).max(axis=1))
+
+
+def beside_surfaces(points: FloatArray, chosen: Index, scatter: float, progress: Progress) -> Mask:
+    """Tell the chosen points that fill a volume and are few: where outliers lie close together.
+
+    Points that are chosen for being apart are as dense on a surface as among such outliers, but
+    about those on a surface lie more of all points.
+    """
+    tree, reach = run_patiently(lambda: kd_tree(points), progress), SURFACE_THICKNESS * scatter
+    order = np.argsort(np.linalg.norm(points - points.mean(axis=0), axis=1), kind="stable")
+    rows = order[np.linspace(0, len(points) - 1, min(SAMPLES, len(points))).astype(np.int64)]
+
+    def count(places: FloatArray, distance: float) -> Index:
+        found = np.empty(len(places), np.int64)
+
+        def search(begin: int, end: int) -> None:
+            some = places[begin:end]
+            found[begin:end] = tree.query_ball_point(some, distance, return_length=True)
+
+        run_chunks(search, len(places), CHUNK, progress=progress)
+        return found
+
+    usual = float(np.median(count(points[rows], reach)))
+    about = count(points[chosen], reach)
+    few = np.flatnonzero((about >= ENOUGH) & (about < MIDDLE_DENSITY * usual))
+    wide = count(points[chosen[few]], WIDER * reach)
+    result = np.zeros(len(chosen), bool)
+    result[few] = wide > WIDER**2.5 * about[few]
+    return result
 
 
 def neighbours_of(
