@@ -1,12 +1,13 @@
 """Weights of `bind` beside Blender's automatic ones, on whole and on broken meshes.
 
-    python benchmarks/binding.py BLENDER_PYTHON SHAPE ...
+    python benchmarks/binding.py [--whole] BLENDER_PYTHON SHAPE ...
 
 Each shape gets its own armature (operation `armature`), and is then bound as it is and broken in
-six ways. Blender's weights come from `parent_set(type="ARMATURE_AUTO")` in the Python given, which
-has bpy. Printed for each: vertices without weights; the mean change of edge length in per cent over
-six poses (all bones turned by up to 40 degrees about random axes, the same poses for both); and the
-processor seconds of `bind`.
+six ways (with --whole only as it is). Blender's weights come from `parent_set` with ARMATURE_AUTO
+in the Python given, which has bpy. Printed for each: vertices without weights; the mean change of
+edge length in per cent over six poses (all bones turned by up to 40 degrees about random axes, the
+same poses for all), of `bind` with four and eight bones a vertex, of Blender's weights limited to
+four, and of all of them; and the processor seconds of `bind`.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ def posed_points(points, heads, parents, weights, rng):
     return here + (1 - rest)[:, None] * points
 
 
-def main(python, names):
+def main(python, names, whole):
     """Print the table."""
     with tempfile.TemporaryDirectory() as folder:
         cases = []
@@ -128,6 +129,8 @@ def main(python, names):
             for what, points, faces, scale in broken(
                 shape.points, shape.faces, np.random.default_rng(1)
             ):
+                if whole and what != "as it is":
+                    continue
                 path = Path(folder, f"{len(cases)}.npz")
                 ends = {"heads": scale * rig.heads, "tails": scale * rig.tails}
                 np.savez(path, points=points, faces=faces, **ends)
@@ -141,27 +144,41 @@ def main(python, names):
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        titles = ("vertices", "no weight", "Blender", "change %", "Blender", "seconds")
-        print(f"{'shape':20} {'mesh':14}", *(f"{title:>10}" for title in titles))
+        titles = ("vertices", "bones", "no weight", "Blender")
+        titles += ("4 bones %", "8 bones %", "Blender 4", "Blender %")
+        print(f"{'shape':20} {'mesh':14}", *(f"{title:>10}" for title in (*titles, "seconds")))
         for name, what, path, points, faces, ends, parents in cases:
             shape = medialis.make_shape(points, faces, repair=True)
             armature = medialis.Armature(ends["heads"], ends["tails"], parents)
             clock = time.process_time()
             skin = medialis.bind_weights(shape, armature=armature)
             clock = time.process_time() - clock
-            of_input = (
-                shape.on_input_points(skin.bones, -1),
-                shape.on_input_points(skin.weights, 0.0),
-            )
-            dense = np.zeros((len(points), len(parents) + 1))
-            np.put_along_axis(dense, of_input[0], of_input[1], axis=1)
+            more = medialis.bind_weights(shape, armature=armature, bones_per_vertex=8)
             theirs = np.load(f"{path}.npy")
-            rows = [dense[:, :-1], theirs / np.maximum(theirs.sum(axis=1, keepdims=True), 1e-12)]
-            none = [int((w.sum(axis=1) < 0.5).sum()) for w in rows]
+            theirs /= np.maximum(theirs.sum(axis=1, keepdims=True), 1e-12)
+            four = np.where(theirs >= np.sort(theirs, axis=1)[:, [-4]], theirs, 0.0)
+            four /= np.maximum(four.sum(axis=1, keepdims=True), 1e-12)
+            ours = [dense(shape, one, len(parents)) for one in (skin, more)]
+            rows = [*ours, four, theirs]
+            none = [int((w.sum(axis=1) < 0.5).sum()) for w in rows[::3]]
             change = [stretch(points, faces, ends["heads"], parents, w) for w in rows]
-            columns = [len(points), *none, *(f"{one:.2f}" for one in (*change, clock))]
+            columns = [
+                len(points),
+                len(parents),
+                *none,
+                *(f"{one:.2f}" for one in (*change, clock)),
+            ]
             print(f"{name:20} {what:14}", *(f"{one:>10}" for one in columns), flush=True)
 
 
+def dense(shape, skin, bones):
+    """Return the weights of all bones on the vertices that were given."""
+    rows, weights = shape.on_input_points(skin.bones, -1), shape.on_input_points(skin.weights, 0.0)
+    found = np.zeros((len(rows), bones + 1))
+    np.put_along_axis(found, rows, weights, axis=1)
+    return found[:, :-1]
+
+
 if __name__ == "__main__":
-    main(sys.argv[1], sys.argv[2:])
+    given = [one for one in sys.argv[1:] if one != "--whole"]
+    main(given[0], given[1:], "--whole" in sys.argv)
