@@ -20,7 +20,8 @@ Balls and skeletons:
     huge_surface_skeleton, open_medial_cloud, skeleton_mesh, SkeletonMesh
 Medial meshes:
     medial_mesh, MedialMesh, envelope_distance, EnvelopeDistance, envelope_surface,
-    values_on_balls, important_mesh, read_ma, write_ma, ball_cover, BallCover, write_ball_cover
+    values_on_balls, important_mesh, read_ma, write_ma, ball_cover, BallCover, write_ball_cover,
+    robot_balls, RobotBalls, write_robot_balls
 Measures:
     geodesic_importance, Importance, connected_importance, important_points, local_measures,
     geodesic, Geodesic, geodesics, geodesic_lengths, GeodesicPaths, PathStatus, thickness,

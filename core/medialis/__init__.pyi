@@ -72,6 +72,9 @@ from medialis.medial_meshes.mesh import values_on_balls as values_on_balls
 from medialis.medial_meshes.operation import read_ma as read_ma
 from medialis.medial_meshes.operation import write_ball_cover as write_ball_cover
 from medialis.medial_meshes.operation import write_ma as write_ma
+from medialis.medial_meshes.robots import RobotBalls as RobotBalls
+from medialis.medial_meshes.robots import robot_balls as robot_balls
+from medialis.medial_meshes.robots import write_robot_balls as write_robot_balls
 from medialis.operations.declaration import Format as Format
 from medialis.operations.declaration import Operation as Operation
 from medialis.operations.declaration import Selection as Selection

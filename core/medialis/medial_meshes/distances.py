@@ -240,6 +240,9 @@ def _spread(parts: Parts, steps: FloatArray) -> tuple[FloatArray, Index]:
 PIECE = 0.01
 """Longest side of a piece of the surface, in diagonals: each piece lies in one ball."""
 
+SLIVER = 6.0
+"""A triangle is a sliver where its longest side is more than so many times its height."""
+
 ROUNDS = 12
 """How often pieces are given to balls, and balls made as small as their pieces allow."""
 
@@ -296,11 +299,20 @@ def ball_cover(mesh: MedialMesh, shape: Shape) -> BallCover:
     """
     if shape.faces is None:
         raise InvalidShapeError("Balls cover a mesh, got a point cloud: reconstruct it first.")
+    centers, radii = covering(mesh, shape, PIECE, ROUNDS)
+    return BallCover(centers, radii, excess_of(shape, centers, radii))
+
+
+def covering(
+    mesh: MedialMesh, shape: Shape, longest: float, rounds: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return centers and radii of balls that hold pieces of up to so many diagonals."""
+    assert shape.faces is not None
     scale = shape.diagonal or 1.0
-    pieces = _pieces(shape.points[shape.faces], PIECE * scale)
+    pieces = pieces_of(shape.points[shape.faces], longest * scale)
     centers, radii = np.array(mesh.centers), np.array(mesh.radii)
     found, best = (centers, radii), np.inf
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         owner, need = _given(pieces, centers, radii)
         centers, radii = _shrunk(pieces, owner, need, centers)
         volume = float((radii**3).sum())
@@ -308,12 +320,12 @@ def ball_cover(mesh: MedialMesh, shape: Shape) -> BallCover:
             best, found = volume, (centers, radii)
     centers, radii = found
     used = radii > 0
-    centers, radii = centers[used], radii[used] + ROUNDING * scale
-    return BallCover(centers, radii, _excess(Solid(shape.points, shape.faces), centers, radii))
+    return centers[used], radii[used] + ROUNDING * scale
 
 
-def _pieces(triangles: FloatArray, longest: float) -> FloatArray:
-    """Cut triangles (m, 3, 3) into similar ones with sides of up to a length."""
+def pieces_of(triangles: FloatArray, longest: float) -> FloatArray:
+    """Cut triangles (m, 3, 3) into similar ones with sides of up to a length, slivers in halves."""
+    triangles = _halved(triangles, longest)
     sides = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     counts = np.maximum(np.ceil(sides / longest), 1).astype(np.int64)
     parts = []
@@ -322,6 +334,26 @@ def _pieces(triangles: FloatArray, longest: float) -> FloatArray:
         chosen = triangles[counts == count]
         parts.append(np.einsum("pkc,mcd->mpkd", shares, chosen).reshape(-1, 3, 3))
     return np.concatenate(parts)
+
+
+def _halved(triangles: FloatArray, longest: float) -> FloatArray:
+    """Halve the longest side of slivers that are longer than a length, until none is.
+
+    A sliver cut into similar ones makes as many pieces as a whole triangle of its length.
+    """
+    done = []
+    while len(triangles):
+        edges = np.roll(triangles, -1, axis=1) - triangles
+        sides = np.linalg.norm(edges, axis=2)
+        side = sides.max(axis=1)
+        twice = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+        sliver = (side > longest) & (side * side > SLIVER * twice)
+        done.append(triangles[~sliver])
+        triangles, first = triangles[sliver], sides[sliver].argmax(axis=1)
+        a, b, c = (triangles[np.arange(len(first)), (first + k) % 3] for k in range(3))
+        middle = 0.5 * (a + b)
+        triangles = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+    return np.concatenate(done) if done else triangles
 
 
 def _split(count: int) -> FloatArray:
@@ -389,16 +421,20 @@ def _shrunk(
     return result, radii
 
 
-def _excess(solid: Solid, centers: FloatArray, radii: FloatArray) -> float:
+def excess_of(
+    shape: Shape, centers: FloatArray, radii: FloatArray, count: int = LOOKED_AT
+) -> float:
     """Return the volume of balls outside of a solid as a share of its volume."""
     from medialis.base.box_tree import NearestTree
 
+    assert shape.faces is not None
+    solid = Solid(shape.points, shape.faces)
     low, high = (centers - radii[:, None]).min(axis=0), (centers + radii[:, None]).max(axis=0)
-    i = np.arange(1, LOOKED_AT + 1)[:, None]
+    i = np.arange(1, count + 1)[:, None]
     steps = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])
     places = low + (i * steps % 1.0) * (high - low)  # evenly spread, by irrational steps
     held = NearestTree.of_balls(centers, radii).distances(places)[0] <= 0
-    outside = float((~solid.contains(places[held])).sum()) / LOOKED_AT
+    outside = float((~solid.contains(places[held])).sum()) / count
     whole = np.einsum("ij,ij->", solid.points[solid.faces[:, 0]], solid.surface.face_vectors)
     volume = abs(float(whole)) / 6
     return outside * float(np.prod(high - low)) / volume if volume > 0 else float("inf")

@@ -1,0 +1,243 @@
+"""Robots as URDF: the shape of each link in its frame, and files of balls as robots take them.
+
+A link has the shapes of its `collision` elements, else of its `visual` ones: meshes, boxes,
+cylinders and spheres, each at its `origin`. Meshes are looked for beside the file, and those of
+packages (``package://NAME/...``) in a folder of that name, or of none, on the way up from it.
+Lengths are metres.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from medialis.base.errors import FileError, InvalidShapeError
+from medialis.base.options import METERS
+from medialis.base.progress import Progress
+from medialis.base.validation import FloatArray
+from medialis.formats.files import file_bytes, reading
+from medialis.medial_meshes.mesh import BallCover
+from medialis.shape.reading import make_shape, read_shape
+from medialis.shape.shape import Shape
+
+SIDES = 32
+"""Of a cylinder: its faces lie 0.5 % of the radius inside; it is made so much wider."""
+
+
+def robot_of(path: str | os.PathLike[str]) -> ElementTree.Element:
+    """Read a URDF file.
+
+    Raises
+    ------
+    FileError
+        When it cannot be read.
+    InvalidShapeError
+        When it is no URDF.
+    """
+    name = os.fspath(path)
+    with reading(name):
+        data = file_bytes(name)
+        if b"<!ENTITY" in data or b"<!DOCTYPE" in data:
+            raise InvalidShapeError("it defines entities, which URDF has no use for.")
+        try:
+            root = ElementTree.fromstring(data)
+        except ElementTree.ParseError as error:
+            raise InvalidShapeError(f"it is no XML ({error}); expand xacro files first.") from None
+        if root.tag != "robot":
+            raise InvalidShapeError(f"it is no URDF: it begins with <{root.tag}>, not <robot>.")
+        return root
+
+
+def link_shapes(
+    path: str | os.PathLike[str], root: ElementTree.Element, progress: Progress
+) -> dict[str, Shape]:
+    """Return the shape of each link that has one, in its frame and in metres.
+
+    Raises
+    ------
+    FileError, InvalidShapeError
+        When a mesh is missing or cannot be used; the sentence names it.
+    """
+    found: dict[str, Shape] = {}
+    links = root.findall("link")
+    for number, link in enumerate(links):
+        parts = [*_parts(Path(path), link, progress.still)]
+        if parts:
+            counts = np.cumsum([0, *(len(points) for points, _ in parts[:-1])])
+            faces = [rows + first for (_, rows), first in zip(parts, counts, strict=True)]
+            points = np.concatenate([points for points, _ in parts])
+            name = link.get("name", "")
+            found[name] = make_shape(points, np.concatenate(faces), repair=True, unit="m")
+        progress.update((number + 1) / len(links))
+    return found
+
+
+def _parts(path: Path, link: ElementTree.Element, progress: Progress) -> Iterator[tuple[Any, Any]]:
+    """Yield points and faces of each shape of a link, in its frame."""
+    for one in link.findall("collision") or link.findall("visual"):
+        geometry = one.find("geometry")
+        kind = None if geometry is None else next(iter(geometry), None)
+        if kind is None:
+            continue
+        with reading(os.fspath(path)):
+            points, faces = _shape(path, kind, progress)
+            origin = one.find("origin")
+            if origin is not None:
+                turn = _rotation(_numbers(origin.get("rpy", "0 0 0"), 3))
+                points = points @ turn.T + _numbers(origin.get("xyz", "0 0 0"), 3)
+        yield points, faces
+
+
+def _shape(path: Path, kind: ElementTree.Element, progress: Progress) -> tuple[Any, Any]:
+    if kind.tag == "mesh":
+        file = mesh_file(path, kind.get("filename", ""))
+        shape = read_shape(file, progress=progress)
+        if shape.faces is None:
+            raise InvalidShapeError(f"its mesh {file.name} is a point cloud.")
+        scale = _numbers(kind.get("scale", "1 1 1"), 3) * METERS.get(shape.unit or "m", 1.0)
+        faces = shape.faces if np.prod(scale) > 0 else shape.faces[:, ::-1]
+        return shape.points * scale, faces
+    if kind.tag == "box":
+        corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) - 0.5
+        quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+        faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+        return corners * _numbers(kind.get("size", ""), 3), faces
+    radius = float(_numbers(kind.get("radius", ""), 1)[0])
+    if kind.tag == "cylinder":
+        return _cylinder(radius, float(_numbers(kind.get("length", ""), 1)[0]))
+    if kind.tag == "sphere":
+        return _sphere(radius)
+    raise InvalidShapeError(f"it has a shape <{kind.tag}>; URDF has mesh, box, cylinder, sphere.")
+
+
+def mesh_file(path: Path, name: str) -> Path:
+    """Return the file of a mesh that a URDF file names.
+
+    Raises
+    ------
+    FileError
+        When it is nowhere.
+    """
+    plain = unquote(name.removeprefix("file://"))
+    if not name.startswith("package://"):
+        tried = [path.parent / plain]
+    else:
+        inside = unquote(name.removeprefix("package://"))
+        rest = inside.partition("/")[2]
+        above = path.absolute().parents
+        tried = [folder / part for folder in above for part in (inside, rest)]
+    for file in tried:
+        if file.is_file():
+            return file
+    raise FileError(f"Cannot read {path}: there is no mesh {name} beside it or above.")
+
+
+def _numbers(text: str, count: int) -> FloatArray:
+    try:
+        found = np.array([float(word) for word in text.split()])
+    except ValueError:
+        found = np.empty(0)
+    if len(found) != count or not np.isfinite(found).all():
+        raise InvalidShapeError(f"{count} numbers are expected in an attribute, got {text!r}.")
+    return found
+
+
+def _rotation(rpy: FloatArray) -> FloatArray:
+    """Return the matrix of roll, pitch and yaw about fixed axes, in radians."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _cylinder(radius: float, length: float) -> tuple[Any, Any]:
+    turn = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    ring = radius / math.cos(math.pi / SIDES) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ends = [np.column_stack([ring, np.full(SIDES, z)]) for z in (-length / 2, length / 2)]
+    tips = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
+    a = np.arange(SIDES)
+    b, low, high = (a + 1) % SIDES, np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    rows = ([a, b, b + SIDES], [a, b + SIDES, a + SIDES], [b, a, low], [a + SIDES, b + SIDES, high])
+    return np.concatenate([*ends, tips]), np.concatenate([np.stack(r, axis=1) for r in rows])
+
+
+def _sphere(radius: float) -> tuple[Any, Any]:
+    """Return a sphere of rings, no point of which lies outside."""
+    up = np.pi * np.arange(1, SIDES // 2) / (SIDES // 2)
+    turn = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    rows = np.stack(
+        [
+            np.sin(up)[:, None] * np.cos(turn),
+            np.sin(up)[:, None] * np.sin(turn),
+            np.cos(up)[:, None] + 0.0 * turn,
+        ],
+        axis=2,
+    )
+    points = np.concatenate([rows.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
+    a = np.arange(SIDES)
+    b, top, low = (a + 1) % SIDES, len(points) - 2, len(points) - 1
+    faces = [np.stack([np.full(SIDES, top), a, b], axis=1)]
+    for ring in range(len(up) - 1):
+        here, below = ring * SIDES, (ring + 1) * SIDES
+        faces += [np.stack([a + here, a + below, b + below], axis=1)]
+        faces += [np.stack([a + here, b + below, b + here], axis=1)]
+    last = (len(up) - 1) * SIDES
+    faces.append(np.stack([a + last, np.full(SIDES, low), b + last], axis=1))
+    return radius * points, np.concatenate(faces)
+
+
+def rows_of(cover: BallCover) -> list[list[float]]:
+    """Return center and radius of each ball."""
+    return np.column_stack([cover.centers, cover.radii]).tolist()
+
+
+def yaml_text(name: str, links: Mapping[str, BallCover]) -> str:
+    """Return the balls as cuRobo's file of spheres."""
+    lines = [f"# Balls of {json.dumps(name)} by medialis; lengths in metres.", "collision_spheres:"]
+    for link, cover in links.items():
+        lines.append(f"  {json.dumps(link)}:")
+        for x, y, z, radius in rows_of(cover):
+            lines += [f'    - "center": [{x!r}, {y!r}, {z!r}]', f'      "radius": {radius!r}']
+    return "\n".join(lines) + "\n"
+
+
+def srdf_text(name: str, links: Mapping[str, BallCover]) -> str:
+    """Return the balls as MoveIt's approximations of links."""
+    lines = ['<?xml version="1.0"?>', f"<robot name={quoteattr(name)}>"]
+    for link, cover in links.items():
+        lines.append(f"  <link_sphere_approximation link={quoteattr(link)}>")
+        for x, y, z, radius in rows_of(cover):
+            lines.append(f'    <sphere center="{x!r} {y!r} {z!r}" radius="{radius!r}"/>')
+        lines.append("  </link_sphere_approximation>")
+    return "\n".join([*lines, "</robot>", ""])
+
+
+def urdf_text(urdf: str, links: Mapping[str, BallCover]) -> str:
+    """Return a URDF whose links have balls in the place of their collision elements."""
+    root = ElementTree.fromstring(urdf)
+    for link in root.findall("link"):
+        if link.get("name", "") not in links:
+            continue
+        for one in link.findall("collision"):
+            link.remove(one)
+        cover = links[link.get("name", "")]
+        for x, y, z, radius in rows_of(cover):
+            ball = ElementTree.SubElement(link, "collision")
+            ElementTree.SubElement(ball, "origin", {"xyz": f"{x!r} {y!r} {z!r}", "rpy": "0 0 0"})
+            geometry = ElementTree.SubElement(ball, "geometry")
+            ElementTree.SubElement(geometry, "sphere", {"radius": repr(radius)})
+    ElementTree.indent(root)
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"

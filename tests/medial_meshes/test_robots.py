@@ -1,0 +1,135 @@
+"""Balls for whole robots: links of known shapes, how balls are shared, and the files of others."""
+
+import json
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import medialis
+from medialis.base.progress import Progress
+from medialis.medial_meshes.robots import write_robot_balls
+from medialis.medial_meshes.urdf import link_shapes, robot_of
+
+yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
+
+LINK = (
+    '<link name="{}"><collision><origin xyz="{}" rpy="{}"/><geometry>{}</geometry></collision>'
+    "</link>"
+)
+
+
+def robot(folder, *links):
+    path = folder / "arm.urdf"
+    rows = [LINK.format(*link) for link in links]
+    path.write_text(f'<robot name="arm">{"".join(rows)}<link name="world"/></robot>')
+    return path
+
+
+def shapes_of(path):
+    return link_shapes(path, robot_of(path), Progress.of(None))
+
+
+BOX = ("base", "0 0 0", "0 0 0", '<box size="0.3 0.2 0.1"/>')
+FINGER = ("finger", "0 0 0.03", "0 0 0", '<box size="0.01 0.02 0.06"/>')
+
+
+def test_shapes_stand_where_the_file_has_them(tmp_path):
+    turned = ("turned", "1 2 3", "0 0 1.5707963267948966", '<box size="0.4 0.2 0.1"/>')
+    pipe = ("pipe", "0 0 0", "1.5707963267948966 0 0", '<cylinder radius="0.05" length="0.4"/>')
+    ball = ("ball", "0 0 1", "0 0 0", '<sphere radius="0.1"/>')
+    found = shapes_of(robot(tmp_path, turned, pipe, ball))
+    assert list(found) == ["turned", "pipe", "ball"]  # the world has no shape
+    low, high = found["turned"].bounds
+    assert low == pytest.approx([0.9, 1.8, 2.95]) and high == pytest.approx([1.1, 2.2, 3.05])
+    low, high = found["pipe"].bounds  # the polygon is round the circle: 0.5 % wider
+    assert np.allclose(high, [0.05, 0.2, 0.05], rtol=0.006) and np.allclose(low, -high)
+    away = np.linalg.norm(found["ball"].points - [0, 0, 1], axis=1)
+    assert away == pytest.approx(0.1)
+    assert all(shape.closed_components.all() for shape in found.values())
+    assert all(np.einsum("ij,ij->", s.points[s.faces[:, 0]], s.face_vectors) > 0
+               for s in found.values())  # outward  # fmt: skip
+
+
+def test_meshes_are_found_beside_the_file_and_in_packages(tmp_path):
+    folder = tmp_path / "arm_description"
+    (folder / "urdf").mkdir(parents=True)
+    (folder / "meshes").mkdir()
+    box = shapes_of(robot(tmp_path, BOX))["base"]
+    medialis.write_mesh(folder / "meshes" / "box.ply", box)
+    names = ("../meshes/box.ply", "package://arm_description/meshes/box.ply")
+    links = [
+        (f"l{k}", "0 0 0", "0 0 0", f'<mesh filename="{name}" scale="2 1 1"/>')
+        for k, name in enumerate(names)
+    ]
+    for shape in shapes_of(robot(folder / "urdf", *links)).values():
+        assert shape.bounds[1] == pytest.approx([0.3, 0.1, 0.05])
+    missing = ("l", "0 0 0", "0 0 0", '<mesh filename="none.stl"/>')
+    with pytest.raises(medialis.FileError, match=r"no mesh none\.stl"):
+        shapes_of(robot(tmp_path, missing))
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    path = robot(tmp_path_factory.mktemp("arm"), BOX, FINGER)
+    return medialis.robot_balls(path, balls=10)
+
+
+@pytest.mark.slow
+def test_every_point_of_every_link_is_in_a_ball(arm):
+    for name, size, middle in (
+        ("base", [0.3, 0.2, 0.1], 0.0),
+        ("finger", [0.01, 0.02, 0.06], 0.03),
+    ):
+        rng = np.random.default_rng(0)
+        points = rng.uniform(-0.5, 0.5, (20_000, 3))
+        points[np.arange(20_000), rng.integers(0, 3, 20_000)] = rng.choice([-0.5, 0.5], 20_000)
+        points = points * size + [0.0, 0.0, middle]
+        cover = arm.links[name]
+        away = np.linalg.norm(points[:, None] - cover.centers, axis=2) - cover.radii
+        assert away.min(axis=1).max() <= 0.0
+    assert sum(map(len, arm.links.values())) <= 10
+    assert arm.figures["coverage"] == 1.0 and arm.figures["largest_uncovered_gap"] == 0.0
+    assert arm.figures["volume_ratio"] > 1.0
+    assert 0.0 < arm.figures["protrusion_mean"] <= arm.figures["protrusion_p95"]
+
+
+@pytest.mark.slow
+def test_a_finger_sticks_out_no_farther_than_the_base(arm):
+    """Balls go where they stick out farthest: the base, 1,500 times as large, has most of them."""
+    assert len(arm.links["base"]) > len(arm.links["finger"]) >= 1
+
+
+@pytest.mark.slow
+def test_files_are_those_of_curobo_and_moveit(arm, tmp_path):
+    for ending in ("yml", "srdf", "urdf", "json"):
+        medialis.write_robot_balls(tmp_path / f"arm.{ending}", arm)
+    spheres = yaml.safe_load((tmp_path / "arm.yml").read_text())["collision_spheres"]
+    assert set(spheres) == {"base", "finger"}
+    for name, cover in arm.links.items():
+        rows = [[*ball["center"], ball["radius"]] for ball in spheres[name]]
+        np.testing.assert_array_equal(rows, np.column_stack([cover.centers, cover.radii]))
+    root = ElementTree.parse(tmp_path / "arm.srdf").getroot()
+    links = {one.get("link"): one for one in root.findall("link_sphere_approximation")}
+    assert len(links["finger"].findall("sphere")) == len(arm.links["finger"])
+    again = ElementTree.parse(tmp_path / "arm.urdf").getroot()
+    base = next(one for one in again.findall("link") if one.get("name") == "base")
+    assert len(base.findall("collision/geometry/sphere")) == len(arm.links["base"])
+    assert base.find("collision/geometry/box") is None
+    content = json.loads((tmp_path / "arm.json").read_text())
+    assert content["figures"] == arm.figures and content["unit"] == "m"
+    with pytest.raises(medialis.InvalidOptionError, match="Balls end in"):
+        write_robot_balls(tmp_path / "arm.txt", arm)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("<robot", "no XML"), ("<mujoco/>", "begins with <mujoco>"), ("<robot/>", "No link"),
+     ('<!DOCTYPE r [<!ENTITY a "b">]><robot/>', "entities"),
+     (f"<robot>{LINK.format('a', '0 0 0', '0 0 0', '<box/>')}</robot>", "3 numbers")],
+)  # fmt: skip
+def test_what_is_no_robot_is_refused(tmp_path, text, words):
+    path = tmp_path / "arm.urdf"
+    path.write_text(text)
+    with pytest.raises(medialis.InvalidShapeError, match=words):
+        medialis.robot_balls(path)
