@@ -19,7 +19,7 @@ DOCS = Path(__file__).resolve().parents[1]
 ROOT = DOCS.parent
 
 SECTIONS = {
-    "Basics": ("medial_axis", "choosing", "faq", "limits", "citing"),
+    "Basics": ("adoption", "medial_axis", "choosing", "faq", "limits", "citing"),
     "Tutorials": ("tutorials/*",),
     "In other programs": ("blender*", "meshlab*", "pymeshlab*", "other_programs"),
     "Many and large shapes": ("batch*", "report*", "huge*"),

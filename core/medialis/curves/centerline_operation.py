@@ -289,7 +289,7 @@ OPERATION = Operation(
     formats=(Format("lines.vtp", _write_vtp, "lines"), Format("csv", _write_csv, "lines")),
     examples=(
         ("creature.ply", "lines from the thickest end of a limb to all others"),
-        ("creature.ply --step 2%", "the same, with fewer sections"),
+        ("creature.ply -o coarse --step 2%", "the same, with fewer sections"),
     ),
     layers={
         "centerline": "the lines with radius, sections, and the number of each piece",
