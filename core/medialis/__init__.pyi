@@ -72,9 +72,6 @@ from medialis.medial_meshes.mesh import values_on_balls as values_on_balls
 from medialis.medial_meshes.operation import read_ma as read_ma
 from medialis.medial_meshes.operation import write_ball_cover as write_ball_cover
 from medialis.medial_meshes.operation import write_ma as write_ma
-from medialis.medial_meshes.robots import RobotBalls as RobotBalls
-from medialis.medial_meshes.robots import robot_balls as robot_balls
-from medialis.medial_meshes.robots import write_robot_balls as write_robot_balls
 from medialis.operations.declaration import Format as Format
 from medialis.operations.declaration import Operation as Operation
 from medialis.operations.declaration import Selection as Selection
@@ -90,6 +87,9 @@ from medialis.rigging.bones import Bones as Bones
 from medialis.rigging.bones import SkinWeights as SkinWeights
 from medialis.rigging.bones import bones as bones
 from medialis.rigging.bones import skin_weights as skin_weights
+from medialis.robots.balls import RobotBalls as RobotBalls
+from medialis.robots.balls import robot_balls as robot_balls
+from medialis.robots.balls import write_robot_balls as write_robot_balls
 from medialis.segments.mean_shift import MeanShift as MeanShift
 from medialis.segments.mean_shift import mean_shift as mean_shift
 from medialis.segments.mean_shift import mean_shift_segments as mean_shift_segments

@@ -29,7 +29,7 @@ from medialis.medial_meshes.distances import covering, excess_of, pieces_of
 from medialis.medial_meshes.medial_mesh import medial_mesh
 from medialis.medial_meshes.mesh import BallCover, MedialMesh
 from medialis.medial_meshes.sampling import Solid
-from medialis.medial_meshes.urdf import (
+from medialis.robots.urdf import (
     link_shapes,
     robot_of,
     rows_of,

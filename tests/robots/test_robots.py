@@ -8,8 +8,8 @@ import pytest
 
 import medialis
 from medialis.base.progress import Progress
-from medialis.medial_meshes.robots import write_robot_balls
-from medialis.medial_meshes.urdf import link_shapes, robot_of
+from medialis.robots.balls import write_robot_balls
+from medialis.robots.urdf import link_shapes, robot_of
 
 yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
 
