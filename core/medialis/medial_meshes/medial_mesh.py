@@ -71,9 +71,9 @@ with even triangles; with fewer balls, merging across seams leaves smaller error
 OFF = 1e-3
 """Diagonals: so far, at most, flipped edges are from those before."""
 
-FIN, FIN_BALLS = 1e-3, 4000
-"""Diagonals: so far, at most, samples may be from the balls that stay where sheets are taken away,
-and the balls up to which that grows as errors do, with the distance between balls."""
+FIN = 1e-3
+"""Diagonals: so far, at most, samples may be from the balls that stay where sheets are taken away.
+"""
 
 START = 0.8  # halved 100 %, doubled 88 %
 """Share of the balls that the collapse leaves; the rest is added where the fit is worst."""
@@ -444,7 +444,6 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
         roof = None
     whole = roof is None and balls > MANY
     count = max(count, WHOLE_SAMPLES) if whole else count
-    fin = FIN * max(1.0, math.sqrt(FIN_BALLS / balls)) if whole else 0.0
 
     def work() -> Base:
         with progress.stage("sampling", 0.0, 0.7):
@@ -452,7 +451,7 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
                 flat = planes_of_faces(solid) is not None
                 given = solid, count, options.relief, options.seed, progress
                 fine = fine_complex(*given, on_reflex_edges if flat else None)
-                fine = finless(fine, fin) if whole else fine
+                fine = finless(fine, FIN) if whole else fine
                 fine, touched = creased(fine, solid) if flat else (fine, None)
             else:
                 touched = None
@@ -468,7 +467,7 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
             )
             return Base(solid, fine, sequence, bounds, roof)
 
-    given = count, options.relief, options.seed, roof is not None, whole, fin
+    given = count, options.relief, options.seed, roof is not None, whole
     return kept(_base, shape, given, work, progress)
 
 
