@@ -136,8 +136,8 @@ def test_flat_sheets_have_no_fins():
 def test_many_balls_have_the_sheets_of_the_fine_complex():
     """2.0 had some hundred more: merging cut them into pieces."""
     shape = medialis.organic_shape(56)
-    mesh = medialis.medial_mesh(shape, balls=700)
-    assert len(mesh) == 700
+    mesh = medialis.medial_mesh(shape, balls=1100)
+    assert len(mesh) == 1100
     assert structure(mesh.complex) == structure(mesh.level(mesh.most).complex)
     assert mesh.betti == (1, 0, 0)
 
