@@ -224,6 +224,19 @@ def test_a_head_that_is_a_ball_is_a_head():
 
 
 @pytest.mark.slow
+def test_ears_have_bones_and_the_head_ends_at_the_nose():
+    """Seen from the head of a grazing cat its ears are ahead of the nose (10 % of the height)."""
+    figure = known_figures.quadruped("cat", "grazing")
+    rig = medialis.run("armature", figure.shape).extras["bones"]
+    score = known_figures.scored(figure, rig)
+    ears = {name: off for name, off in score.off.items() if name.startswith("ear")}
+    assert ears.keys() == {f"ear{mark} {end}" for mark in (".L", ".R") for end in ("head", "tail")}
+    assert max(ears.values()) < 3.0 and score.off["head tail"] < 3.0
+    left, right = (list(rig.names).index("ear" + mark) for mark in (".L", ".R"))
+    assert rig.mirrors[left] == right and rig.names[rig.parents[left]] == "head"
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("resolution", [56, 60, 72])
 def test_no_bone_leaves_the_box_of_its_shape(resolution):
     """One ball of a wrong normal, as large as the shape, drew the creature's tail out of it."""

@@ -59,6 +59,12 @@ LEAST_FINGERS, FINGER_BONES = 3, 2
 TAIL_BONES = 3  # halved 15 %, doubled 18 %
 """Bones of a tail."""
 
+EAR_ASIDE = 0.2
+"""Least cosine of the angle between an ear and the axis across the head."""
+
+EARS_ALIKE = 2.0
+"""Ratio up to which the lengths of both ears may differ, as of those at which a head ends."""
+
 ARMS = ("upper_arm", "forearm", "hand")
 LEGS = ("thigh", "shin", "foot", "toe")
 FRONT_LEGS = ("front_thigh", "front_shin", "front_foot", "front_toe")
@@ -192,12 +198,17 @@ def _chains(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> list[Chain]:
         _mirror(pair, pose.plane)
     roots = [np.mean([pair[".L"][0], pair[".R"][0]], axis=0) for pair in (hind, front)]
     wide = [float(np.linalg.norm(pair[".L"][0] - pair[".R"][0])) for pair in (hind, front)]
-    trunk = (_upright if figure.kind == "biped" else _level)(curve, figure, pose, roots, wide)
+    ears: list[Chain] = []
+    if figure.kind == "biped":
+        trunk = _upright(curve, figure, pose, roots, wide)
+    else:
+        ears = _ears(curve, figure, pose)
+        trunk = _level(curve, figure, pose, roots, ears)
     if pose.plane is not None:
         flat = (trunk.joints + pose.plane.image(trunk.joints)) / 2
         trunk = replace(trunk, joints=flat)
     # Depth first, as Blender lists bones.
-    chains = [trunk]
+    chains = [trunk, *ears]
     fingers: dict[str, list[Chain]] = {".L": [], ".R": []}
     if figure.kind == "biped":
         front = {mark: np.vstack([trunk.joints[3], front[mark]]) for mark in front}
@@ -214,6 +225,39 @@ def _chains(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> list[Chain]:
     if figure.tail:
         chains.append(_tail(curve, figure, pose))
     return chains
+
+
+def _ears(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> list[Chain]:
+    """Return a bone for each ear: the longest two branches that leave the head to both sides."""
+    beyond = figure.head.index(figure.front[0][0]) + 1
+    known = {
+        node for way in (figure.head, *figure.front, *figure.hind, figure.tail) for node in way
+    }
+    branches: dict[str, list[tuple[float, list[int]]]] = {".L": [], ".R": []}
+    for node in figure.head[beyond:]:
+        for other in sorted(set(curve.neighbours[node]) - known):
+            nodes = [node, other]
+            while len(onward := set(curve.neighbours[nodes[-1]]) - {nodes[-2]}) == 1:
+                nodes.append(onward.pop())
+                if len(nodes) > len(curve.nodes):
+                    return []  # a loop
+            way = curve.nodes[nodes[-1]] - curve.nodes[node]
+            length = float(np.linalg.norm(way))
+            aside = float(way @ pose.left) / length
+            if not onward and abs(aside) >= EAR_ASIDE:
+                branches[".L" if aside > 0 else ".R"].append((length, nodes))
+    if not (branches[".L"] and branches[".R"]):
+        return []
+    found = {mark: max(some, key=lambda one: one[0]) for mark, some in branches.items()}
+    lengths = sorted(length for length, _ in found.values())
+    if lengths[1] > EARS_ALIKE * lengths[0]:
+        return []
+    joints = {}
+    for mark, (_, nodes) in found.items():
+        strand = Strand.of(curve, nodes)
+        joints[mark] = np.array([strand.at(_base(curve, nodes, strand)), strand.at(1.0)])
+    _mirror(joints, pose.plane)
+    return [Chain(("ear" + mark,), joints[mark], found[mark][1], "head") for mark in (".L", ".R")]
 
 
 def _fingers(
@@ -357,7 +401,7 @@ def _between(
 
 
 def _level(
-    curve: CurveSkeleton, figure: Figure, pose: _Pose, roots: list[FloatArray], wide: list[float]
+    curve: CurveSkeleton, figure: Figure, pose: _Pose, roots: list[FloatArray], ears: list[Chain]
 ) -> Chain:
     """Return hips, spine, chest, neck and head of a quadruped."""
     fork, front = curve.nodes[figure.hind[0][0]], curve.nodes[figure.front[0][0]]
@@ -376,27 +420,35 @@ def _level(
     if radii[middle] < 1.05 * radii[thinnest] or middle >= len(radii) - 1:
         middle = min(middle, first + (len(rest) * 13) // 20)
     joint = points[middle]
-    tip = _snout(curve, figure, pose, joint, points[-1])
+    limbs = [*figure.front, *figure.hind, figure.tail, *(ear.nodes[1:] for ear in ears)]
+    tip = _snout(curve, figure.head, set(itertools.chain(*limbs)), pose, joint)
     joints = np.array([start, *spine, end, joint, tip])
     return Chain(("hips", "spine", "chest", "neck", "head"), joints, figure.head)
 
 
 def _snout(
-    curve: CurveSkeleton, figure: Figure, pose: _Pose, joint: FloatArray, end: FloatArray
+    curve: CurveSkeleton, way: list[int], limbs: set[int], pose: _Pose, joint: FloatArray
 ) -> FloatArray:
-    """Return the tip of the head: ahead of the middle of its front, wherever the head is turned."""
+    """Return the tip of the head: ahead of the middle of its front, wherever the head is turned.
+
+    What hangs on the way to the head beyond its joint is the head's, but for limbs and ears.
+    """
     surface, own = curve.surface, curve.vertex_node
-    if surface is None or own is None:
-        return end
-    near = np.linalg.norm(curve.nodes[figure.head] - joint, axis=1).argmin()
-    rows = np.flatnonzero(np.isin(own, figure.head[near:]))
-    if len(rows) == 0:
-        return end
+    near = int(np.linalg.norm(curve.nodes[way] - joint, axis=1).argmin())
+    head = way[near:]
+    known = limbs.union(way)
+    for node in head:  # grows while it is read
+        more = sorted(set(curve.neighbours[node]) - known)
+        known.update(more)
+        head += more
+    rows = np.flatnonzero(np.isin(own, head)) if surface is not None and own is not None else ()
+    if surface is None or len(rows) == 0:
+        return np.asarray(curve.nodes[way[-1]])
     points = surface.points[rows]
-    way = unit_rows(pose.ahead - 0.4 * pose.up)
-    reach = (points - joint) @ way
+    ahead = unit_rows(pose.ahead - 0.4 * pose.up)
+    reach = (points - joint) @ ahead
     front = reach >= reach.max() - FRONT * np.ptp(reach)
-    return np.asarray(points[front].mean(axis=0) + (reach.max() - reach[front].mean()) * way)
+    return np.asarray(points[front].mean(axis=0) + (reach.max() - reach[front].mean()) * ahead)
 
 
 def _tail(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> Chain:

@@ -33,7 +33,7 @@ WORDS = (
                      "front_thigh", "front_shin", "front_foot", "front_toe")
         for mark in (".L", ".R")
     ),
-    *("tail", "tail.001", "tail.002"),
+    *("tail", "tail.001", "tail.002", "ear.L", "ear.R"),
 )  # fmt: skip
 """Parts of figures, by which names are known."""
 
