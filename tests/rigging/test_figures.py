@@ -237,6 +237,14 @@ def test_ears_have_bones_and_the_head_ends_at_the_nose():
 
 
 @pytest.mark.slow
+def test_a_head_that_has_ears_and_no_nose_of_its_own_is_a_head():
+    """One ear of a mouse was its head, and the other one too much; it was numbered."""
+    figure = known_figures.quadruped("mouse", "standing")
+    score = known_figures.scored(figure, medialis.run("armature", figure.shape).extras["bones"])
+    assert score.recognised and not score.wrong and score.off["head tail"] < 3.0
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("resolution", [56, 60, 72])
 def test_no_bone_leaves_the_box_of_its_shape(resolution):
     """One ball of a wrong normal, as large as the shape, drew the creature's tail out of it."""

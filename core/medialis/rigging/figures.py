@@ -55,6 +55,10 @@ CLEAR = 6.0
 DISTINCT = 1.5  # halved 0 %, doubled 0 %
 """How much more each way must cost that gives the parts to others."""
 
+EARS, EAR, NECK = 1.5, 0.8, 0.15
+"""Ratio up to which the lengths of two ears differ; their length, of that of legs, below which they
+are ears; and how far beyond the front legs they leave the way to the head, of that."""
+
 ALONG_TRUNK, ACROSS_TRUNK = 0.62, 0.5  # halved 0 %, doubled 0 %; halved 0 %, doubled 0 %
 """Cosine of the angle between the mean of the hind limbs and the trunk, from which on they are legs
 of a biped, and to which those of a quadruped."""
@@ -402,13 +406,15 @@ def _weighed(tree: _Tree, tips: list[Tip]) -> list[_Parts]:
                 continue
             rest = sorted(set(range(n)) - set(front) - set(hind))
             for head in rest:
-                against = body.against | _against_head(tips, apart, body, head)
-                for tail in (-1, *(k for k in rest if k != head)):
-                    others = [tips[k].length for k in rest if k not in (head, tail)]
+                twin = _other_ear(tree, tips, body, head, rest)
+                top = tips[head] if twin < 0 else _between_ears(tree, tips, body, (head, twin))
+                against = body.against | _against_head(top, apart, body, head)
+                for tail in (-1, *(k for k in rest if k not in (head, twin))):
+                    others = [tips[k].length for k in rest if k not in (head, twin, tail)]
                     more = float(sum((length / body.leg / 0.35) ** 2 for length in others))
                     full = against | {"others": more}
                     if tail >= 0:
-                        full |= _against_tail(tips, apart, body, head, tail)
+                        full |= _against_tail(tips, apart, body, top, tail)
                     parts = replace(body, head=head, tail=tail, against=full)
                     if parts.cost < 4 * CLEAR:
                         found.append(parts)
@@ -485,9 +491,38 @@ def _mean_way(ways: FloatArray, across: FloatArray) -> FloatArray:
     return np.asarray(mean / max(np.linalg.norm(mean), 1e-300))
 
 
-def _against_head(tips: list[Tip], apart: FloatArray, body: _Parts, head: int) -> dict[str, float]:
+def _other_ear(tree: _Tree, tips: list[Tip], body: _Parts, head: int, rest: list[int]) -> int:
+    """Return the other ear, where this tip is one and the head has none of its own; else -1.
+
+    Ears are alike, on both sides, shorter than legs, and leave the head beyond the front pair.
+    """
+    ends, side = [tip.nodes[-1] for tip in tips], unit_rows(body.across)
+    (a, b), (c, _), own = body.front, body.hind, tips[head]
+    start = tree.apart(ends[c], tree.meeting(ends[a], ends[b], ends[c]))
+    for other in rest:
+        one, twin = own, tips[other]
+        aside = (one.end - body.middles[0]) @ side, (twin.end - body.middles[0]) @ side
+        alike = abs(np.log(one.length / twin.length)) < np.log(EARS)
+        if other == head or not alike or aside[0] * aside[1] >= 0:
+            continue
+        fork = tree.meeting(ends[head], ends[other], ends[c])
+        beyond = tree.apart(ends[c], fork) - start
+        if max(one.length, twin.length) < EAR * body.leg and beyond > NECK * body.leg:
+            return other
+    return -1
+
+
+def _between_ears(tree: _Tree, tips: list[Tip], body: _Parts, ears: tuple[int, int]) -> Tip:
+    """Return a tip in the middle of two ears, as thick as the head where they part."""
+    one, other = (tips[k] for k in ears)
+    fork = tree.meeting(one.nodes[-1], other.nodes[-1], tips[body.hind[0]].nodes[-1])
+    return replace(one, base=(one.base + other.base) / 2, end=(one.end + other.end) / 2,
+                   thickness=float(tree.curve.radii[fork]))  # fmt: skip
+
+
+def _against_head(tip: Tip, apart: FloatArray, body: _Parts, head: int) -> dict[str, float]:
     """Return what is against the head: it hangs on the front end, in the middle, and leads on."""
-    (a, b), (c, d), tip = body.front, body.hind, tips[head]
+    (a, b), (c, d) = body.front, body.hind
     size, wide = float(np.linalg.norm(body.trunk)), float(np.linalg.norm(body.across))
     along, side = body.trunk / size, body.across / wide
     near = apart[head, a] + apart[head, b] - apart[a, b]
@@ -506,7 +541,7 @@ def _against_head(tips: list[Tip], apart: FloatArray, body: _Parts, head: int) -
 
 
 def _against_tail(
-    tips: list[Tip], apart: FloatArray, body: _Parts, head: int, tail: int
+    tips: list[Tip], apart: FloatArray, body: _Parts, head: Tip, tail: int
 ) -> dict[str, float]:
     """Return what is against the tail: it hangs on the hind end, in the middle, is the thinner."""
     (a, b), (c, d), tip = body.front, body.hind, tips[tail]
@@ -514,7 +549,7 @@ def _against_tail(
     near = apart[tail, c] + apart[tail, d] - apart[c, d]
     far = apart[tail, a] + apart[tail, b] - apart[a, b]
     aside = (tip.base - body.middles[1]) @ body.across / wide**2
-    thicker = np.log(tip.thickness / max(tips[head].thickness, 1e-300))
+    thicker = np.log(tip.thickness / max(head.thickness, 1e-300))
     return {
         "tail in front": (min(far - near, 0.0) / (0.1 * apart.max())) ** 2,
         "tail aside": (aside / 0.35) ** 2,
