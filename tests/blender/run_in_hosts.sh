@@ -2,6 +2,8 @@
 # Run tests/blender in the environments that make_hosts.sh makes, all at the same time:
 #   tests/blender/run_in_hosts.sh [ARGUMENT OF PYTEST...]
 #
+# In the Blenders that QUICK names ("4.2") slow tests are left out.
+#
 # A Blender computes on one processor most of the time, and no test writes outside of its own
 # temporary folder. What an environment printed is shown when it has ended.
 set -uo pipefail
@@ -28,7 +30,9 @@ for host in "${hosts[@]}"; do # they have no compiler: what has changed is made 
 done
 echo "tests/blender in ${hosts[*]}, at the same time"
 for host in "${hosts[@]}"; do
-    "$host/bin/python" -m pytest tests/blender "$@" >"$logs/${host#.}" 2>&1 &
+    only=()
+    case " ${QUICK:-} " in *" ${host#.venv-bpy-} "*) only=(-m "not slow") ;; esac
+    "$host/bin/python" -m pytest tests/blender "${only[@]}" "$@" >"$logs/${host#.}" 2>&1 &
     ended+=($!)
 done
 for i in "${!hosts[@]}"; do
