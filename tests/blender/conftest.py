@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +16,19 @@ MISSING = "bpy is not installed: make hosts"
 for name, folder in (("blender_addon", ROOT), ("medialis", ROOT / "core")):
     if find_spec(name) is None:
         sys.path.append(str(folder))
+
+
+def pytest_sessionfinish(session, exitstatus):
+    session.config.status_of_bpy = int(exitstatus)
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_unconfigure(config):
+    """End without bpy's own clean-up, which after all tests waited for a thread for ever (4.5)."""
+    if "bpy" in sys.modules and hasattr(config, "status_of_bpy"):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(config.status_of_bpy)
 
 
 @pytest.fixture(scope="session")

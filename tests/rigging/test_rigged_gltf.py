@@ -261,7 +261,7 @@ def test_graph_files_of_an_armature_hold_the_bones(result, tmp_path):
     rig = result.extras["bones"]
     # Legs begin beside the end of the spine: there is an edge to each hip as well.
     free = rig.count - int(rig.connected.sum()) - len(rig.roots)
-    assert free == 5 and len(graph.edges) == rig.count + free  # four legs and a tail
+    assert free == 7 and len(graph.edges) == rig.count + free  # four legs, two ears and a tail
     assert len(graph.nodes) == len(graph.edges) + len(rig.roots)
     assert graph.loops == 0 and graph.component_count == len(rig.roots)
     ends = {tuple(sorted(map(tuple, graph.nodes[edge].tolist()))) for edge in graph.edges}
