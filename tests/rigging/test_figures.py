@@ -123,6 +123,20 @@ def test_a_quadruped_that_stands_upright_may_be_a_biped_that_sits(up):
     assert rig is None and "sits" in doubt
 
 
+def test_a_neck_may_leave_the_trunk_before_the_shoulders():
+    """Ears were looked for from the shoulders on, which are not on the way to such a head."""
+    dog = (
+        ((0, 0.5, 0.5, 0.1), (0, 0.1, 0.5, 0.1), (0, -0.5, 0.5, 0.1)),
+        ((0, -0.3, 0.5, 0.1), (0, -0.55, 0.85, 0.06), (0, -0.8, 0.85, 0.07)),
+        *both((0, -0.5, 0.5, 0.1), (0.12, -0.5, 0.4, 0.05), (0.12, -0.5, 0.05, 0.04),
+              (0.12, -0.57, 0.02, 0.03)),
+        *both((0, 0.5, 0.5, 0.1), (0.12, 0.5, 0.4, 0.05), (0.12, 0.5, 0.05, 0.04),
+              (0.12, 0.43, 0.02, 0.03)),
+    )  # fmt: skip
+    rig, doubt = figure_bones(stick(dog, 1.0), 1.0)
+    assert rig is not None and rig.kind == "quadruped" and not doubt
+
+
 def test_legs_that_are_wide_apart_may_be_those_of_a_biped_that_sits():
     """A teddy that sits had the names of a quadruped; what points up tells."""
     low = (0.5, -0.5, -0.1, 0.1), (0.5, -0.52, -0.7, 0.08), (0.5, -0.62, -0.72, 0.06)

@@ -229,10 +229,9 @@ def _chains(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> list[Chain]:
 
 def _ears(curve: CurveSkeleton, figure: Figure, pose: _Pose) -> list[Chain]:
     """Return a bone for each ear: the longest two branches that leave the head to both sides."""
-    beyond = figure.head.index(figure.front[0][0]) + 1
-    known = {
-        node for way in (figure.head, *figure.front, *figure.hind, figure.tail) for node in way
-    }
+    shoulders = curve.nodes[figure.front[0][0]]  # the head may leave the trunk before them
+    beyond = int(np.linalg.norm(curve.nodes[figure.head] - shoulders, axis=1).argmin()) + 1
+    known = set(itertools.chain(figure.head, *figure.front, *figure.hind, figure.tail))
     branches: dict[str, list[tuple[float, list[int]]]] = {".L": [], ".R": []}
     for node in figure.head[beyond:]:
         for other in sorted(set(curve.neighbours[node]) - known):
