@@ -217,10 +217,10 @@ def main() -> int:
 def _written(folder: Path) -> Iterator[Path]:
     """Write the small shapes as files, one after the other."""
     from whole_runs import SHAPES as KNOWN
-    from whole_runs import _written as write
+    from whole_runs import written
 
     for name in SHAPES:
-        write(KNOWN[name](), folder / f"{name}.ply")
+        written(KNOWN[name](), folder / f"{name}.ply")
         yield folder / f"{name}.ply"
 
 

@@ -204,7 +204,7 @@ def growth(operations: list[str]) -> Iterator[tuple[str, str, float]]:
     for shape, made in GROWING.items():
         with tempfile.TemporaryDirectory() as folder:
             paths = [Path(folder) / f"{count}.ply" for count in SIZES]
-            counts = [_written(made(n), path) for n, path in zip(SIZES, paths, strict=True)]
+            counts = [written(made(n), path) for n, path in zip(SIZES, paths, strict=True)]
             for name in operations:
                 run(paths[0], name)  # compiles
                 few, many = (run(path, name)["whole"] for path in paths)
@@ -213,7 +213,7 @@ def growth(operations: list[str]) -> Iterator[tuple[str, str, float]]:
                 yield shape, name, round(power, 2)
 
 
-def _written(shape: medialis.Shape, path: Path) -> int:
+def written(shape: medialis.Shape, path: Path) -> int:
     """Write a shape as a file; return how many vertices it has."""
     normals = dict(zip(("nx", "ny", "nz"), shape.normals.T, strict=True))
     write_ply(path, shape.points, shape.faces, attributes=normals)
@@ -303,7 +303,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         for name in given.shapes:
             shape, path = SHAPES[name](), Path(folder) / "shape.ply"
-            _written(shape, path)
+            written(shape, path)
             print(f"{name}: {shape.point_count} vertices", flush=True)
             for operation, row in measured(path, given.operations):
                 rows = stored.setdefault(name, {})
