@@ -296,6 +296,12 @@ def corner_vectors(points: FloatArray, faces: NDArray[np.integer]) -> FloatArray
     return np.cross(b - a, c - a)
 
 
+def enclosed_volume(points: FloatArray, faces: NDArray[np.integer]) -> float:
+    """Return the volume inside of triangles, roughly where they are not closed."""
+    corners = points[faces] - points.mean(axis=0)
+    return abs(float(np.linalg.det(corners).sum())) / 6
+
+
 def twice_areas(points: FloatArray, faces: NDArray[np.integer]) -> FloatArray:
     """Return twice the area of each triangle, (m,)."""
     return np.asarray(np.linalg.norm(corner_vectors(points, faces), axis=1))
@@ -347,6 +353,21 @@ def places_along(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def rows_at(
+    at: ArrayLike, places: NDArray[np.float64], rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what rows (k, d) at places (k,), rising, are in between, (..., d).
+
+    Examples
+    --------
+    >>> rows = np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 5.0]])
+    >>> rows_at([0.0, 2.5], places_along(rows), rows).tolist()
+    [[0.0, 0.0], [1.5, 2.0]]
+    """
+    wanted = np.asarray(at, np.float64)
+    return np.stack([np.interp(wanted, places, column) for column in rows.T], axis=-1)
 
 
 def polylines(edges: ArrayLike, count: int) -> list[NDArray[np.int32]]:

@@ -20,7 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from medialis.base.arrays import Described, Index, Mask, kd_tree, places_along, polylines, unit_rows
+from medialis.base.arrays import (
+    Described,
+    Index,
+    Mask,
+    kd_tree,
+    places_along,
+    polylines,
+    rows_at,
+    unit_rows,
+)
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, Positions
@@ -181,7 +190,7 @@ def resampled(points: FloatArray, step: float, most: int = MOST_STEPS) -> FloatA
     along = places_along(points)
     count = int(np.clip(np.ceil(along[-1] / step), 1, most))
     at = np.linspace(0.0, along[-1], count + 1)
-    return np.stack([np.interp(at, along, column) for column in points.T], axis=1)
+    return rows_at(at, along, points)
 
 
 def tangents_of(points: FloatArray) -> FloatArray:
@@ -254,11 +263,8 @@ def _smooth_tangents(path: FloatArray, radius: float) -> FloatArray:
     """Return tangents between the places a radius before and behind each one."""
     along = places_along(path)
     before, behind = (np.clip(along + shift, 0.0, along[-1]) for shift in (-radius, radius))
-    chord = [
-        np.stack([np.interp(at, along, column) for column in path.T], axis=1)
-        for at in (before, behind)
-    ]
-    return unit_rows(chord[1] - chord[0], instead=np.array([1.0, 0.0, 0.0]))
+    chord = rows_at(behind, along, path) - rows_at(before, along, path)
+    return unit_rows(chord, instead=np.array([1.0, 0.0, 0.0]))
 
 
 def _fitted(
@@ -347,8 +353,8 @@ def tracts(found: Centerlines) -> list[Tract]:
     groups: dict[tuple[bool, tuple[int, ...]], int] = {}
     pieces = []
     for number, line in enumerate(found.lines):
-        blanked = _blanked(found, number)
         shared = _shared(found, number)
+        blanked = _blanked(found, number, shared)
         cuts = np.flatnonzero(np.diff(blanked.astype(int))) + 1
         ends = [0, *cuts.tolist(), len(line)]
         for first, last in itertools.pairwise(ends):
@@ -370,12 +376,12 @@ def _shared(found: Centerlines, number: int) -> Index:
     return result
 
 
-def _blanked(found: Centerlines, number: int) -> Mask:
-    """Which places of a line belong to a fork."""
+def _blanked(found: Centerlines, number: int, common: Index) -> Mask:
+    """Which places of a line, which has so many in common with each, belong to a fork."""
     own = found.lines[number]
     result = np.zeros(len(own), bool)
     along = places_along(found.points[own])
-    for other, shared in enumerate(_shared(found, number).tolist()):
+    for other, shared in enumerate(common.tolist()):
         if other == number or shared in (0, len(own)):
             continue
         fork = shared - 1

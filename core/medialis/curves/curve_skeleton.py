@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described, Mask
+from medialis.base.arrays import Described, Mask, rows_at
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Positions, check_range, frozen, hold
@@ -355,9 +355,7 @@ class CurveSkeleton(Bound):
         points, radius = self.nodes[nodes], self.radii[nodes[0]]
         along = np.cumsum(np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1))
         span = np.minimum([2.0 * radius, 4.0 * radius], along[-1] * np.array([0.5, 1.0]))
-        near, far = (
-            np.array([np.interp(at, along, points[:, axis]) for axis in range(3)]) for at in span
-        )
+        near, far = rows_at(span, along, points)
         length = float(np.linalg.norm(far - near))
         return np.asarray((far - near) / (length or 1.0))
 

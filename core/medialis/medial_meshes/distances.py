@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Described, Index, Mask
+from medialis.base.arrays import Described, Index, Mask, enclosed_volume
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray
 from medialis.medial_meshes.envelope import Envelope
@@ -435,6 +435,5 @@ def excess_of(
     places = low + (i * steps % 1.0) * (high - low)  # evenly spread, by irrational steps
     held = NearestTree.of_balls(centers, radii).distances(places)[0] <= 0
     outside = float((~solid.contains(places[held])).sum()) / count
-    whole = np.einsum("ij,ij->", solid.points[solid.faces[:, 0]], solid.surface.face_vectors)
-    volume = abs(float(whole)) / 6
+    volume = enclosed_volume(solid.points, solid.faces)
     return outside * float(np.prod(high - low)) / volume if volume > 0 else float("inf")

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import kd_tree, places_along, unit_rows
+from medialis.base.arrays import kd_tree, places_along, rows_at, unit_rows
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging.limbs import Plane
@@ -100,7 +100,7 @@ class Strand:
     def at(self, share: float) -> FloatArray:
         """Return the position at a share of the length, (3,)."""
         places = np.linspace(0.0, 1.0, len(self.table))
-        return np.array([np.interp(share, places, column) for column in self.points.T])
+        return rows_at(share, places, self.points)
 
     def share_of(self, point: FloatArray) -> float:
         """Return the share of the length nearest to a point."""
@@ -111,7 +111,7 @@ def _with_tip(table: FloatArray) -> FloatArray:
     """Go on by the last radius: curve skeletons end so far before the surface."""
     places = places_along(table[:, :3])
     reach = 1.5 * table[-1, 3]
-    start = np.array([np.interp(places[-1] - reach, places, c) for c in table[:, :3].T])
+    start = rows_at(places[-1] - reach, places, table[:, :3])
     way = table[-1, :3] - start
     size = float(np.linalg.norm(way))
     if size == 0:
@@ -123,7 +123,7 @@ def _with_tip(table: FloatArray) -> FloatArray:
 def _even(table: FloatArray, count: int) -> FloatArray:
     places = places_along(table[:, :3])
     along = np.linspace(0.0, places[-1], count)
-    return np.stack([np.interp(along, places, column) for column in table.T], axis=1)
+    return rows_at(along, places, table)
 
 
 def mirror_plane(points: FloatArray, normal: FloatArray, offset: float) -> Plane | None:

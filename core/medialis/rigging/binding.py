@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, kd_tree
+from medialis.base.arrays import Index, Mask, enclosed_volume, kd_tree
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, number, whole
 from medialis.base.progress import Progress
@@ -249,15 +249,11 @@ def _lattice(shape: Shape, armature: Armature | Bones) -> tuple[float, FloatArra
     joints = np.clip(np.concatenate([armature.heads, armature.tails]), low - reach, high + reach)
     low, high = np.minimum(low, joints.min(axis=0)), np.maximum(high, joints.max(axis=0))
     sides = np.maximum(high - low, 1e-2 * shape.diagonal)
-    cell = float(np.cbrt(max(sides.prod() / CELLS, _volume(shape) / INSIDE)))
+    assert shape.faces is not None
+    volume = enclosed_volume(shape.points, shape.faces)
+    cell = float(np.cbrt(max(sides.prod() / CELLS, volume / INSIDE)))
     size = np.ceil((high - low) / cell).astype(np.int64) + 2 * MARGIN
     return cell, low - cell * (MARGIN - 0.5 - np.array(SHIFT) / 2), size
-
-
-def _volume(shape: Shape) -> float:
-    """Return the volume, roughly where the mesh is not closed."""
-    corners = shape.points[shape.faces] - shape.points.mean(axis=0)
-    return abs(float(np.linalg.det(corners).sum())) / 6
 
 
 def _grid(points: FloatArray, faces: IntArray | None, size: Index) -> Grid:

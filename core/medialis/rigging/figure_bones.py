@@ -20,7 +20,13 @@ from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.rigging import anatomy
 from medialis.rigging.anatomy import Strand
 from medialis.rigging.bones import Bones
-from medialis.rigging.figures import Figure, find_figure, with_round_parts
+from medialis.rigging.figures import (
+    EAR_ASIDE,
+    EARS_ALIKE,
+    Figure,
+    find_figure,
+    with_round_parts,
+)
 from medialis.rigging.limbs import Plane
 
 FACING = 0.04  # halved 0 %, doubled 0 %
@@ -58,12 +64,6 @@ LEAST_FINGERS, FINGER_BONES = 3, 2
 
 TAIL_BONES = 3  # halved 15 %, doubled 18 %
 """Bones of a tail."""
-
-EAR_ASIDE = 0.2
-"""Least cosine of the angle between an ear and the axis across the head."""
-
-EARS_ALIKE = 2.0
-"""Ratio up to which the lengths of both ears may differ, as of those at which a head ends."""
 
 ARMS = ("upper_arm", "forearm", "hand")
 LEGS = ("thigh", "shin", "foot", "toe")

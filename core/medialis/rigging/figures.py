@@ -55,6 +55,12 @@ CLEAR = 6.0
 DISTINCT = 1.5  # halved 0 %, doubled 0 %
 """How much more each way must cost that gives the parts to others."""
 
+EAR_ASIDE = 0.2
+"""Least cosine of the angle between an ear and the axis across the head."""
+
+EARS_ALIKE = 2.0
+"""Ratio up to which the distances from the forks of both ears to their ends may differ."""
+
 EARS, EAR, NECK = 1.5, 0.8, 0.15
 """Ratio up to which the lengths of two ears differ; their length, of that of legs, below which they
 are ears; and how far beyond the front legs they leave the way to the head, of that."""
@@ -250,7 +256,8 @@ class _Tree:
                 own, its = (float(np.linalg.norm(v)) for v in (one, twin))
                 left, right = sorted((float(one @ side / own), float(twin @ side / its)))
                 ear = other not in limbs
-                if ear and left < -0.2 and right > 0.2 and 0.5 * own < its < 2 * own:
+                aside = left < -EAR_ASIDE and right > EAR_ASIDE
+                if ear and aside and max(own, its) < EARS_ALIKE * min(own, its):
                     return way[: place + 1]
         return way
 

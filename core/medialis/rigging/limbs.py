@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from medialis.base.arrays import follow, kd_tree, places_along
+from medialis.base.arrays import follow, kd_tree, places_along, rows_at
 from medialis.base.validation import FloatArray, IntArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 
@@ -90,7 +90,7 @@ class Limb:
         """Return position and radius at shares of the length, (s, 4)."""
         places = self.places
         along = shares * places[-1]
-        return np.stack([np.interp(along, places, column) for column in self.points.T], axis=1)
+        return rows_at(along, places, self.points)
 
 
 def find_limbs(curve: CurveSkeleton, shortest: float) -> list[Limb]:

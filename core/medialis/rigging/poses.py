@@ -91,12 +91,11 @@ class Bend:
 
     @property
     def turns(self) -> FloatArray:
-        """The rotation of each bone, (k, 3, 3), by Rodrigues' formula."""
-        zero = np.zeros(len(self.axes))
-        x, y, z = self.axes.T
-        cross = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-        angle = np.radians(self.degrees)
-        return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+        """The rotation of each bone, (k, 3, 3)."""
+        from scipy.spatial.transform import Rotation
+
+        turns = np.radians(self.degrees) * np.asarray(self.axes)
+        return np.asarray(Rotation.from_rotvec(turns).as_matrix())
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from medialis.base.arrays import Described, twice_areas
+from medialis.base.arrays import Described, enclosed_volume, twice_areas
 from medialis.base.box_tree import NearestTree
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, flag, whole
@@ -161,13 +161,14 @@ def robot_balls(
         shapes = link_shapes(path, root, progress)
     if not shapes:
         raise InvalidShapeError(f"No link of {os.fspath(path)} has a shape.")
+    round_ones = {name: ball for name, shape in shapes.items() if (ball := _sphere(shape))}
     with progress.stage("share", 0.1, 0.5):
-        counts = _shared(shapes, options, progress)
+        counts = _shared(shapes, round_ones, options, progress)
     links: dict[str, BallCover] = {}
     measured = []
     with progress.stage("fit", 0.5, 1.0):
         for number, (name, shape) in enumerate(shapes.items()):
-            links[name] = _sphere(shape) or _balls_of(
+            links[name] = round_ones.get(name) or _balls_of(
                 _mesh(name, shape, counts[name], progress.still), shape, options
             )
             measured.append(_measured(links[name], shape))
@@ -201,12 +202,15 @@ def _balls_of(mesh: MedialMesh, shape: Shape, options: RobotBallsOptions) -> Bal
 
 
 def _shared(
-    shapes: Mapping[str, Shape], options: RobotBallsOptions, progress: Progress
+    shapes: Mapping[str, Shape],
+    round_ones: Mapping[str, BallCover],
+    options: RobotBallsOptions,
+    progress: Progress,
 ) -> dict[str, int]:
     """Return how many balls each link gets."""
     levels, counts = {}, {}
     for number, (name, shape) in enumerate(shapes.items()):
-        if _sphere(shape):
+        if name in round_ones:
             levels[name], counts[name] = (np.ones(1), np.zeros(1)), 1
             continue
         most = min(MOST_LOOKED_AT, options.balls)
@@ -236,8 +240,7 @@ def _sticking_out(mesh: MedialMesh, shape: Shape) -> float:
 
 def _volume(shape: Shape) -> float:
     assert shape.faces is not None
-    corners = shape.points - shape.points.mean(axis=0)
-    return abs(float(np.einsum("ij,ij->", corners[shape.faces[:, 0]], shape.face_vectors))) / 6.0
+    return enclosed_volume(shape.points, shape.faces)
 
 
 def _expected(sizes: FloatArray, told: FloatArray, count: int) -> float:
@@ -262,25 +265,21 @@ def _measured(cover: BallCover, shape: Shape) -> dict[str, FloatArray]:
     size = np.repeat(cover.radii**2, DIRECTIONS) * 4.0 * np.pi / DIRECTIONS
     outer = balls.distances(places)[0] > -1e-6 * shape.diagonal
     places, size = places[outer], size[outer]
+    solid = Solid(shape.points, shape.faces)
     away = NearestTree.of_triangles(shape.points, shape.faces).distances(places)[0]
-    away[Solid(shape.points, shape.faces).contains(places)] = 0.0
+    away[solid.contains(places)] = 0.0
     whole = _volume(shape)
-    inside = _held(cover, shape)
-    volumes = np.array([whole, inside + cover.excess * whole])
+    volumes = np.array([whole, whole * (_held(balls, shape, solid) + cover.excess)])
     return {"gaps": gaps, "area": weights, "out": away, "size": size, "volumes": volumes}
 
 
-def _held(cover: BallCover, shape: Shape) -> float:
-    """Return the volume of balls inside of a shape: that of the shape without what they leave."""
-    assert shape.faces is not None
+def _held(balls: NearestTree, shape: Shape, solid: Solid) -> float:
+    """Return the share of a solid that lies in balls."""
     low, high = shape.bounds
     steps = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])
     places = low + (np.arange(1, 50_001)[:, None] * steps % 1.0) * (high - low)
-    inside = places[Solid(shape.points, shape.faces).contains(places)]
-    if len(inside) == 0:
-        return _volume(shape)
-    held = NearestTree.of_balls(cover.centers, cover.radii).distances(inside)[0] <= 0
-    return float(held.mean()) * _volume(shape)
+    inside = places[solid.contains(places)]
+    return float((balls.distances(inside)[0] <= 0).mean()) if len(inside) else 1.0
 
 
 def _figures(measured: list[dict[str, FloatArray]]) -> dict[str, float]:

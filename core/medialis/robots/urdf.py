@@ -153,14 +153,9 @@ def _numbers(text: str, count: int) -> FloatArray:
 
 def _rotation(rpy: FloatArray) -> FloatArray:
     """Return the matrix of roll, pitch and yaw about fixed axes, in radians."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
-    return np.array(
-        [
-            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr],
-        ]
-    )
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_euler("xyz", rpy).as_matrix())
 
 
 def _cylinder(radius: float, length: float) -> tuple[Any, Any]:

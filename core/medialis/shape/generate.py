@@ -14,7 +14,7 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import kd_tree, places_along
+from medialis.base.arrays import kd_tree, places_along, rows_at
 from medialis.base.validation import FloatArray, IntArray, as_whole_number, frozen
 from medialis.shape.normals import ring_normals
 from medialis.shape.shape import Shape
@@ -356,10 +356,7 @@ def _place_teeth(count: int, rng: np.random.Generator) -> _Teeth:
     width = np.array(_WIDTHS)[kinds] * rng.uniform(0.96, 1.04, count)
     width *= length[-1] / width.sum()
     middle = np.cumsum(width) - 0.5 * width
-    centers, ahead, behind = (
-        np.stack([np.interp(middle + step, length, column) for column in curve.T], axis=1)
-        for step in (0.0, 0.01, -0.01)
-    )
+    centers, ahead, behind = (rows_at(middle + step, length, curve) for step in (0.0, 0.01, -0.01))
     along = (ahead - behind) / np.linalg.norm(ahead - behind, axis=1, keepdims=True)
     across = np.stack([along[:, 1], -along[:, 0], 0 * middle], axis=1)
     lean = rng.normal(0.0, 0.06, count)[:, None]

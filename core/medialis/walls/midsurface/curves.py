@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, kd_tree, places_along, rows_of_labels
+from medialis.base.arrays import Index, kd_tree, places_along, rows_at, rows_of_labels
 from medialis.base.box_tree import NearestTree
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import piece_labels
@@ -354,7 +354,7 @@ def _even(points: FloatArray, edge: float, *, pieces: int = 0) -> FloatArray:
         closed = bool((points[0] == points[-1]).all())
         pieces = max(3 if closed else 1, round(float(at[-1]) / edge))
     wanted = np.linspace(0.0, at[-1], pieces + 1)
-    result = np.stack([np.interp(wanted, at, points[:, d]) for d in range(3)], axis=1)
+    result = rows_at(wanted, at, points)
     result[0], result[-1] = points[0], points[-1]
     return result
 
