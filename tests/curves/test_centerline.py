@@ -92,9 +92,13 @@ def test_the_radius_follows_a_tube_that_varies():
 
 
 def test_a_noisy_tube_has_a_smooth_line():
-    """Vertices are off by 1 % of the radius: the line is off by no more than twice that."""
+    """Vertices are off by 1 % of the radius: the line is off by half of that.
+
+    Balls that touch noise are too small and lie to the side that they touch; a bend has more of its
+    surface outside.
+    """
     result = line_of(*swept(BENT, 1.0, noise=0.01))
-    assert off_axis(result, BENT, 1.0) < 0.02
+    assert off_axis(result, BENT, 1.0) < 0.005
     assert result.values["length_max"] == pytest.approx(4.0 * 4.5, rel=0.01)
 
 
@@ -128,6 +132,15 @@ def test_a_fork_has_a_group_for_each_arm_and_one_for_itself(fork):
     for group in np.unique(layer.attributes["group"][clear]):
         rows = layer.points[clear & (layer.attributes["group"] == group)]
         assert (np.argmax(rows @ FORK.T, axis=1) == np.argmax(rows[0] @ FORK.T)).all()
+
+
+def test_lines_part_without_a_kink(fork):
+    """Two lines part by 120 degrees over about a radius of 12 places."""
+    layer, found, _ = fork.extras["lines"]
+    for line in found.lines:
+        along = np.diff(layer.points[line], axis=0)
+        along /= np.linalg.norm(along, axis=1, keepdims=True)
+        assert (along[1:] * along[:-1]).sum(axis=1).min() > np.cos(np.radians(15.0))
 
 
 def test_pieces_are_numbered_as_vmtk_does():

@@ -290,7 +290,17 @@ def _fitted(
     weights *= np.maximum(cloud.surface.point_areas[cloud.source[found[near]]], 1e-300)
     root = np.sqrt(weights / weights.max())[:, None]
     powers = along[near, None] ** np.arange(3 if near.sum() >= FEWEST else 1)
-    fit = np.linalg.lstsq(root * powers, root * offsets[near], rcond=1e-6)[0][0]
+    # A ball that touches noise is too small, so it lies towards where it touches: as much on all
+    # sides, of which a bend has more outside. That much is found, and taken away.
+    touching = cloud.surface.points[cloud.source[found[near]]] - cloud.centers[found[near]]
+    towards = root * touching / radii[near, None]
+    wanted = root * offsets[near]
+    solve = np.linalg.pinv(root * powers, rcond=1e-6)
+    across = towards - root * powers @ (solve @ towards)
+    left = wanted - root * powers @ (solve @ wanted)
+    known = float((across * across).sum())
+    share = float((across * left).sum()) / known if known > 0.0 else 0.0
+    fit = (solve @ (wanted - share * towards))[0]
     fit = fit - (fit @ tangent) * tangent  # it moves across the line alone
     if np.linalg.norm(fit) > radius:
         return place
@@ -316,24 +326,34 @@ class Centerlines(Described):
 
 
 def joined(paths: list[FloatArray], radii: list[FloatArray]) -> Centerlines:
-    """Let lines from the same place share their points as long as they run together."""
+    """Let lines from the same place share their points as long as they run together.
+
+    Over the last radius before they part, a line goes over from the one it shares to its own way,
+    so that neither has a kink.
+    """
     points, widths = [paths[0]], [radii[0]]
     lines = [np.arange(len(paths[0]))]
     total = len(paths[0])
     for path, radius in zip(paths[1:], radii[1:], strict=True):
+        known = np.concatenate(points)
         step = float(np.linalg.norm(path[1] - path[0])) if len(path) > 1 else 0.0
-        shared, own, other = 0, 0, lines[0]
+        own, other, nearest = 0, lines[0], np.zeros(len(path), np.int64)
         for line in lines:
-            away, nearest = kd_tree(np.concatenate(points)[line]).query(path)
+            away, beside = kd_tree(known[line]).query(path)
             apart = away > ONE_LINE * radius + 0.5 * step  # places need not lie opposite each other
             together = int(np.argmax(apart)) if apart.any() else len(path)
             if together > own:
-                shared, own, other = int(nearest[together - 1]) + 1, together, line
+                own, other, nearest = together, line, beside
         own = min(own, len(path) - 1)  # its end is its own
-        points.append(path[own:])
-        widths.append(radius[own:])
-        lines.append(np.concatenate([other[:shared], total + np.arange(len(path) - own)]))
-        total += len(path) - own
+        parts = max(own - int(radius[own] / step), min(own, 1)) if own else 0
+        fade = np.linspace(0.0, 1.0, own - parts + 2)[1:-1, None]
+        beside = known[other[nearest[parts:own]]]
+        led = beside + fade * fade * (3.0 - 2.0 * fade) * (path[parts:own] - beside)
+        shared = int(nearest[parts - 1]) + 1 if parts else 0
+        points.append(np.concatenate([led, path[own:]]))
+        widths.append(radius[parts:])
+        lines.append(np.concatenate([other[:shared], total + np.arange(len(path) - parts)]))
+        total += len(path) - parts
     return Centerlines(np.concatenate(points), np.concatenate(widths), tuple(lines))
 
 

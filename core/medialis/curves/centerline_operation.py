@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -164,7 +164,8 @@ def _lines(
         paths.append(line)
         radii.append(tree.distances(line)[0])
         progress.update((number + 1) / len(rows))
-    return joined(paths, radii)
+    found = joined(paths, radii)
+    return replace(found, radii=tree.distances(found.points)[0])
 
 
 def _tangents(found: Centerlines) -> FloatArray:
