@@ -157,8 +157,16 @@ def test_pictures_that_are_results_are_made_small():
 
 @pytest.mark.slow
 def test_the_gallery_has_every_operation_once(tmp_path, monkeypatch):
+    """Pages in three dimensions that are there stay; that of one operation is made here."""
     monkeypatch.setattr("website.generated_pages.default_picture", lambda o, f: f"{o.name}.png")
+    (tmp_path / "viewers").mkdir()
+    for chosen in OPERATIONS:
+        if chosen.name != "thickness":
+            (tmp_path / "viewers" / f"{chosen.name}.html").write_text("there")
     text = gallery(["thickness"], tmp_path)
+    if strips.has_library():
+        assert "</html>" in (tmp_path / "viewers" / "thickness.html").read_text()
+        assert text.count("Turn it.") == len(OPERATIONS)
     for chosen in OPERATIONS:
         assert text.count(f"/{chosen.name}.png") == 1
     assert "[Thickness](thickness.md)" in text
