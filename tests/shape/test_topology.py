@@ -8,6 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import medialis
+from medialis.base.arrays import EdgeTable
 from medialis.shape.surface import Surface, Topology, piece_labels
 
 
@@ -52,6 +53,26 @@ def test_equal_faces_are_found_in_any_order_of_their_corners():
     seen: dict[tuple[int, ...], int] = {}
     for face, corners in enumerate(np.sort(faces, axis=1).tolist()):
         assert first[face] == seen.setdefault(tuple(corners), face)
+
+
+@pytest.mark.parametrize("count", [0, 1, 40, 400])
+def test_sides_are_sorted_by_their_edge_as_numpy_does(count):
+    faces = _random_faces(count, count)
+    table = EdgeTable.of(faces, 25)
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1), axis=-1).reshape(-1, 2)
+    edges, first = np.unique(ends[order := np.lexsort(ends.T[::-1])], axis=0, return_index=True)
+    assert np.array_equal(table.order, order) and np.array_equal(table.ends, edges)
+    assert np.array_equal(table.first, np.append(first, len(order)))
+    assert np.array_equal(table.forward, (faces < np.roll(faces, -1, axis=1)).ravel())
+
+
+def test_a_table_is_turned_with_its_faces():
+    faces = medialis.organic_shape(56).faces
+    turn = np.arange(len(faces)) % 3 == 0
+    there = EdgeTable.of(np.where(turn[:, None], faces[:, [0, 2, 1]], faces), faces.max() + 1)
+    table = EdgeTable.of(faces, faces.max() + 1).turned(turn)
+    for name in ("order", "first", "ends", "forward"):
+        assert np.array_equal(getattr(table, name), getattr(there, name)), name
 
 
 def test_faces_and_edges_are_measured_as_numpy_does():

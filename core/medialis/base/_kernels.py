@@ -147,6 +147,43 @@ def group_keys(keys, out_offsets, out_order):
 
 
 @kernel
+def group_sides(corners, count, out_order, out_first, out_ends, out_forward):
+    """Half-edges by their edge, for `EdgeTable`; return how many edges there are.
+
+    A counting sort by the higher vertex, then by the lower one, of `count` vertices.
+    """
+    sides = len(corners)
+    place, by_high = np.zeros(count + 1, np.int64), np.empty(sides, np.int32)
+    low, later = np.empty(sides, np.int32), np.zeros(count + 1, np.int64)
+    for h in range(sides):
+        a, b = corners[h], corners[next_side(h)]
+        out_forward[h] = a < b
+        place[max(a, b) + 1] += 1
+        later[min(a, b) + 1] += 1
+    for v in range(count):
+        place[v + 1] += place[v]
+        later[v + 1] += later[v]
+    for h in range(sides):
+        a, b = corners[h], corners[next_side(h)]
+        high = max(a, b)
+        by_high[place[high]], low[place[high]] = h, min(a, b)
+        place[high] += 1
+    for k in range(sides):
+        out_order[later[low[k]]] = by_high[k]
+        later[low[k]] += 1
+    edges = 0
+    for k in range(sides):
+        h = out_order[k]
+        a, b = corners[h], corners[next_side(h)]
+        one, two = min(a, b), max(a, b)
+        if edges == 0 or out_ends[edges - 1, 0] != one or out_ends[edges - 1, 1] != two:
+            out_first[edges], out_ends[edges, 0], out_ends[edges, 1] = k, one, two
+            edges += 1
+    out_first[edges] = sides
+    return edges
+
+
+@kernel
 def walk_chains(edges, order, starts, degrees, out_nodes):
     """Nodes along each chain; a closed one ends with its first node.
 

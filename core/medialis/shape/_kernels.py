@@ -44,6 +44,34 @@ def label_face_pieces(half, twin, parent, out_label):
 
 
 @kernel
+def has_equal_faces(faces, half, twin):
+    """Tell whether the faces on both sides of an edge have the same third corner anywhere."""
+    for k in range(len(half)):
+        a, b = half[k] // 3, twin[k] // 3
+        if faces[a, (half[k] + 2) % 3] == faces[b, (twin[k] + 2) % 3]:
+            return True
+    return False
+
+
+@kernel
+def find_needles(points, faces, areas, planes, length, out_needle, out_longest):
+    """Tell faces of no plane that are more than `length` times as long as high, (m,).
+
+    `out_longest` gets the square of the longest side of each.
+    """
+    for f in range(len(faces)):
+        longest = 0.0
+        for j in range(3):
+            a, b = faces[f, j], faces[f, (j + 1) % 3]
+            x, y = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+            z = points[b, 2] - points[a, 2]
+            longest = max(longest, x * x + y * y + z * z)
+        out_longest[f] = longest
+        needle = longest > 2.0 * length * areas[f] and planes[f] < 0
+        out_needle[f] = needle and areas[f] > 0.0
+
+
+@kernel
 def cross_faces(points, faces, out_vectors):
     """Write the normal of each face times twice its area, (m, 3)."""
     for f in range(len(faces)):

@@ -273,10 +273,13 @@ def _known(surface: Surface, faces: Rows, found: list[_Fitted], near: float) -> 
 def _chains(surface: Surface, planes: IntArray, crease: float) -> list[Rows]:
     """Return chains of needles, each beside the next over a long side, the largest first."""
     needle, longest = needles(surface, planes)
+    if not is_part(surface, planes, needle):
+        return []
     first, second, opposite = surface.edge_table.pairs
-    one, two = first // 3, second // 3
-    rows = np.flatnonzero(opposite & needle[one] & needle[two] & (surface.edge_bends <= crease))
-    one, two, ends = one[rows], two[rows], first[rows]
+    rows = np.flatnonzero(needle[first // 3])  # few as a rule
+    both = needle[second[rows] // 3] & opposite[rows] & (surface.edge_bends[rows] <= crease)
+    rows = rows[both]
+    one, two, ends = first[rows] // 3, second[rows] // 3, first[rows]
     corners = np.asarray(surface.faces).ravel()
     step = surface.points[corners[next_side(ends)]] - surface.points[corners[ends]]
     long = np.einsum("ea,ea->e", step, step) >= LONG_SIDE * np.maximum(longest[one], longest[two])

@@ -276,6 +276,8 @@ def _enclosures(
     Only pairs with an inward piece are looked at: among outward ones nothing is ever turned.
     """
     assert surface.faces is not None
+    if np.count_nonzero(solid) < 2:
+        return {}, np.zeros(len(sign))
     order = np.argsort(piece, kind="stable")
     starts = np.searchsorted(piece[order], np.arange(len(sign)))
     corners = surface.points[surface.faces[order]]

@@ -374,6 +374,7 @@ def _made(
         if fixed.faces is not None and len(fixed.faces):
             extra |= {"face_map": fixed.face_map, **told.of_faces(fixed.face_map)}
     vertices = as_points(points)
+    measured: Surface | None = None
     triangles = None if faces is None else as_faces(faces, len(vertices))
     if triangles is not None and len(triangles) == 0:
         triangles = None
@@ -394,14 +395,16 @@ def _made(
                 computed = np.where(told_there, directions, computed)
             directions = computed
             extra |= {"planes": planes, "cylinders": cylinders}
-            known = surface.topology
+            measured = surface
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"
         code = "normals_missing" if directions is None else "normals_zero"
         directions = estimate_normals(vertices, viewpoints=views, progress=progress)
         progress.note(f"The point cloud {lack}; they were estimated and oriented.", code)
     shape = run_patiently(lambda: Shape(vertices, directions, triangles, **extra), progress)
-    if known is not None:
+    if measured is not None:
+        shape.adopt_measures(measured)
+    elif known is not None:
         shape.adopt(known)
     if repair and (far := run_patiently(lambda: far_points(shape), progress)) is not None:
         progress.record(far)

@@ -332,7 +332,8 @@ class _Work:
         self._note(text, "open_turned", "open piece", opened)
         self._note("Kept {} facing inward.", "cavities_kept", "cavity", cavity)
         if flip.any():
-            self.faces = flipped(self.faces, flip[piece])
+            self.faces, table = flipped(self.faces, flip[piece]), surface.edge_table
+            self.surface().topology.__dict__["edge_table"] = table.turned(flip[piece])
             self._turn_normals(surface, flip, piece)
 
     def _turn_normals(self, before: Surface, flip: NDArray[np.bool_], piece: IntArray) -> None:

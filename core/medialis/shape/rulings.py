@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,20 +79,22 @@ class _Needles:
 
 def needles(surface: Surface, planes: IntArray) -> tuple[Mask, FloatArray]:
     """Tell the faces that are needles and in no plane, (m,), and the squares of longest sides."""
-    one, two, three = (surface.points[column] for column in np.asarray(surface.faces).T)
-    longest = np.zeros(len(one))
-    for side in (two - one, three - two, one - three):
-        np.maximum(longest, np.einsum("fa,fa->f", side, side), out=longest)
-    needle = (longest > 2.0 * NEEDLE * surface.face_areas) & (planes < 0)
-    return needle & (surface.face_areas > 0), longest
+    from medialis.shape._kernels import find_needles
+
+    needle, longest = np.empty(surface.face_count, np.bool_), np.empty(surface.face_count)
+    mesh = surface.points, np.asarray(surface.faces), surface.face_areas, planes
+    find_needles(*mesh, NEEDLE, needle, longest)
+    return needle, longest
 
 
-def _between_needles(surface: Surface, planes: IntArray) -> _Needles:
+def _between_needles(surface: Surface, needle: Mask) -> _Needles:
     first, second, opposite = surface.edge_table.pairs
-    needle, _ = needles(surface, planes)
-    one, two = first // 3, second // 3
-    rows = np.flatnonzero(needle[one] & needle[two] & opposite & (surface.edge_bends > LEAST_BEND))
-    corners = [surface.points[np.asarray(surface.faces)[face[rows]]] for face in (one, two)]
+    rows = np.flatnonzero(needle[first // 3])  # few as a rule
+    both = needle[second[rows] // 3] & opposite[rows] & (surface.edge_bends[rows] > LEAST_BEND)
+    rows = rows[both]
+    corners = [
+        surface.points[np.asarray(surface.faces)[side[rows] // 3]] for side in (first, second)
+    ]
     sides = [np.roll(places, -1, axis=1) - places for places in corners]
     longest = [np.einsum("fja,fja->fj", side, side).argmax(axis=1) for side in sides]
     every = np.arange(len(rows))
@@ -99,7 +102,7 @@ def _between_needles(surface: Surface, planes: IntArray) -> _Needles:
     return _Needles(rows, unit_rows(sides[0][every, first[rows] % 3]), *straight)
 
 
-def is_part(surface: Surface, planes: IntArray, ruled: NDArray[np.int64]) -> bool:
+def is_part(surface: Surface, planes: IntArray, ruled: NDArray[Any]) -> bool:
     """Tell whether a mesh is of a part: it has flat faces, or most of it, these faces, is ruled.
 
     Elsewhere needles lie beside each other by chance.
@@ -122,7 +125,10 @@ def find_rulings(surface: Surface, planes: IntArray, crease: float) -> Rulings:
         Radians: edges that bend by more are sharp.
     """
     first, second, _ = surface.edge_table.pairs
-    edges = _between_needles(surface, planes)
+    needle, _ = needles(surface, planes)
+    if not is_part(surface, planes, needle):
+        return Rulings(np.empty(0, np.int64), np.empty((0, 2), np.int64), np.empty((0, 3)))
+    edges = _between_needles(surface, needle)
     leans = [np.abs(np.einsum("ea,ea->e", edges.along, u)) for u in (edges.one, edges.two)]
     rows = edges.rows[np.minimum(*leans) >= ALONG]
     rows = rows[surface.edge_bends[rows] <= crease]
@@ -146,7 +152,7 @@ def find_mitres(surface: Surface, planes: IntArray) -> Mask:
     result = np.zeros(len(surface.edge_bends), np.bool_)
     if (planes < 0).all():
         return result
-    edges = _between_needles(surface, planes)
+    edges = _between_needles(surface, needles(surface, planes)[0])
     turns = np.ones(len(edges.rows), np.bool_)
     for u, v in ((edges.one, edges.two), (edges.one, edges.along), (edges.two, edges.along)):
         turns &= np.abs(np.einsum("ea,ea->e", u, v)) < TURNS

@@ -98,6 +98,12 @@ class Topology:
     @cached_property
     def first_equal_face(self) -> NDArray[np.int64]:
         """The first face with the same three corners in any order, (m,); mostly the face itself."""
+        from medialis.shape._kernels import has_equal_faces
+
+        # Where an edge has two faces at most, equal ones share all of theirs.
+        table = self.edge_table
+        if table.counts.max(initial=0) < 3 and not has_equal_faces(self.faces, *table.pairs[:2]):
+            return np.arange(len(self.faces))
         # Three at a time: numpy goes along the short axis one by one.
         a, b, c = (self.faces[:, j].astype(np.int64) for j in range(3))
         low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
@@ -274,6 +280,14 @@ class Surface(Bound):
         own = self.topology
         if own.point_count == known.point_count and np.array_equal(own.faces, known.faces):
             self.__dict__["topology"] = known
+        return self
+
+    def adopt_measures(self, known: Surface) -> Self:
+        """Use what was measured of faces and edges of the same points, and `adopt` its topology."""
+        same = self.adopt(known.topology).topology is known.topology
+        if same and np.array_equal(self.points, known.points):
+            names = "_face_units", "edge_bends"
+            self.__dict__.update({n: known.__dict__[n] for n in names if n in known.__dict__})
         return self
 
     @property
