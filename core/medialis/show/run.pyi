@@ -84,7 +84,12 @@ def run(
     material: Literal[
         "none", "ABS", "LCP", "PA", "PBT/PET", "PC", "PE", "PMMA", "POM", "PP", "PPS", "PS", "PUR"
     ] = "none",
+    process: Literal[
+        "none", "FDM", "SLA", "SLS", "moulding", "die_casting", "sand_casting"
+    ] = "none",
+    rules: str = "",
     gap: float | str | Length = 0.0,
+    line_width: float | str | Length = 0.0,
     rib_ratio: float = 0.6,
     min_spoke_angle: float = 150.0,
     regions: int = 100,
