@@ -194,6 +194,25 @@ def run(
 ) -> Result: ...
 @overload
 def run(
+    name: Literal["tree_cylinders"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    root: str = "",
+    cylinder_length: float = 3.0,
+    taper: bool = False,
+    threshold: float | str | Length = 0.02,
+    smoothing: float = 0.7,
+    simplify: float | str | Length = 0.0,
+    candidates: float | str | Length = 0.005,
+    denoise: Literal["auto", "off"] = "auto",
+    tolerance: float | str | Length = 0.0003,
+    refine: float | str | Length = 0.02,
+    creases: float = 30.0,
+) -> Result: ...
+@overload
+def run(
     name: Literal["view_curve_skeleton"],
     shape: ShapeLike,
     *,
