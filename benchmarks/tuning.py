@@ -50,7 +50,7 @@ FEATURES = {
     "walls": ("wall_check", "thickness"),
     "walls/midsurface": ("midsurface",),
     "segments": ("parts", "parts method=limbs", "patches", "soft_edges", "mean_shift_segments"),
-    "curves": ("curve_skeleton", "centerline"),
+    "curves": ("curve_skeleton", "centerline", "tree_cylinders"),
     "sheets": ("point_types", "medial_sheets"),
     "clouds": ("manifolds", "remove_outliers", "smooth"),
     "skeleton": ("surface_skeleton", "skeleton_mesh", "skeleton_importance"),

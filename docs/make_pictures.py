@@ -543,6 +543,18 @@ def centerline() -> Image:
     return _sheet(shown, ["an open tube", "a closed shape"], 2)
 
 
+def tree_cylinders() -> Image:
+    """Draw the cylinders of a generated tree: their orders, their radii, and those of a cloud."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+    from trees import known_tree, meshed
+
+    tree = replace(meshed(known_tree(3, 25), 0.05), up="z")
+    seen = tree.points[:, 2] > 0.5
+    cloud = replace(medialis.make_shape(tree.points[seen], None, tree.normals[seen]), up="z")
+    shown = [medialis.run("tree_cylinders", tree), medialis.run("tree_cylinders", cloud)]
+    return _sheet(shown, ["a mesh: orders of branches", "a cloud, open below"], 2)
+
+
 def curve_comparison() -> Image:
     """Five shapes: curve skeletons from the surface skeleton above, from views below."""
     shapes = [medialis.organic_shape(120), *_tubes(), _wheel()]
@@ -801,7 +813,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         medial_mesh, medial_mesh_balls, medial_mesh_sheets,
         midsurface, importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
-        curve_options, curve_comparison, centerline, view_curve_skeleton,
+        curve_options, curve_comparison, centerline, tree_cylinders, view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, limbs, parts,
         parts_as_seen, manifolds, skeleton_manifolds, remove_outliers, mean_shift_segments,
         test_poses,

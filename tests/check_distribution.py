@@ -29,7 +29,7 @@ OF_THE_BUILD = re.compile(
 )
 CORE_FILES = re.compile(
     r"medialis/.*\.pyi?|medialis/py\.typed|medialis_after_import\.py"
-    r"|medialis/(batches|hosts|render|reports|viewer)/\w+\.(css|html|js|npz|txt)"
+    r"|medialis/(\w+/)+\w+\.(css|html|js|npz|toml|txt)"
 )
 MESHLAB_FILES = re.compile(
     r"medialis_(meshlab|meshlab_plugin|meshset)/.*\.py|medialis_meshlab\.pth"
@@ -78,6 +78,7 @@ SOURCES = (
     "*.html",
     "*.js",
     "*.npz",
+    "*.toml",
     "*.txt",
     "*.pth",
     "*.so",

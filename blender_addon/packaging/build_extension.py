@@ -32,7 +32,7 @@ from pathlib import Path
 
 PACKAGING = Path(__file__).resolve().parent
 ADDON = PACKAGING.parent
-SOURCES = ("*.py", "*.pyi", "py.typed", "*.css", "*.html", "*.js", "*.npz", "*.txt")
+SOURCES = ("*.py", "*.pyi", "py.typed", "*.css", "*.html", "*.js", "*.npz", "*.toml", "*.txt")
 """Files of the core that its wheel has."""
 ROOT = ADDON.parent
 MANIFEST = "blender_manifest.toml"

@@ -12,7 +12,7 @@ from closed_forms import disc_outline, prism, revolved
 from medialis.cli.commands import main
 from medialis.show.reports.measures import measure
 from medialis.show.reports.report import report_page
-from medialis.walls.wall_check import MATERIALS
+from medialis.walls.rules import MATERIALS
 
 QUIET = {"refine": 0.012}
 

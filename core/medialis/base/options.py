@@ -59,7 +59,7 @@ LENGTHS = frozenset(
     | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
 )
 AREAS = frozenset({"area"})
-RADIANS = frozenset({"spoke_angle", "edge_angle", "fork_angle"})
+RADIANS = frozenset({"spoke_angle", "edge_angle", "fork_angle", "branch_angle"})
 """Names of values and attributes that have a unit, without _min, _median and _max."""
 
 _WORDS = {

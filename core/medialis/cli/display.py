@@ -192,6 +192,8 @@ FILES = {
     ".png": "picture",
     "centerline.lines.vtp": "the lines cut at forks, for the Vascular Modeling Toolkit",
     "centerline.csv": "the places along each line as a table, for spreadsheets",
+    "tree_cylinders.csv": "the cylinders as a table, as TreeQSM and rTwig have them",
+    "tree_cylinders.branches.csv": "the limbs as a table, as TreeQSM has them",
     "test_poses.png": "the rig bent at each main joint, and what stretches there",
     ".vtp": "the same as the PLY file of that name, for ParaView",
     ".vtu": "the same as the PLY file of that name, for ParaView and solvers",

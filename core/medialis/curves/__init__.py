@@ -12,6 +12,8 @@ with radii, edges and branches; it is what `segments` (limbs) and `rigging` (bon
 - `growth.py`: how a graph grows along linked balls, with a loop for each handle;
   `finishing.py`: pruning, even nodes, smoothing, fewer nodes. For both; `_kernels.py` is their
   inner part, where `BallLinks` holds balls and the links between them.
+- `centerline.py`: lines in the middle of tubes between places; `tree_cylinders.py`: trunk and limbs
+  of a tree, from its root, as cylinders. Each has its operation beside it.
 - `operation.py`: its files (SWC, GraphML and others), and the operation curve_skeleton.
 
 Another method to find points on the curve skeleton stands beside `from_balls.py`, another measure

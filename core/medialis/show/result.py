@@ -22,7 +22,7 @@ from medialis.base.disk import Folder
 from medialis.base.errors import FileError, InvalidOptionError, InvalidShapeError, NotPassedError
 from medialis.base.options import Kind
 from medialis.base.progress import Message
-from medialis.formats.files import file_bytes, reading
+from medialis.formats.files import file_bytes, reading, write_text
 from medialis.formats.json_npz import read_npz
 from medialis.formats.output_folder import MANIFEST
 from medialis.formats.ply_attributes import read_ply_attributes
@@ -94,6 +94,37 @@ class Result(results.Result):
         from medialis.show.viewer.page import write_viewer
 
         write_viewer(path, (self, *others), title or self.title)
+
+    def write_report(
+        self, path: str | os.PathLike[str], *, source: str | None = None
+    ) -> tuple[Path, Path]:
+        """Write the report as one HTML file, and the same numbers beside it as JSON.
+
+        Parameters
+        ----------
+        path : path
+            Ends with .html; existing files are replaced.
+        source : str, optional
+            Name of the shape, for titles.
+
+        Returns
+        -------
+        tuple of Path
+            The page and the JSON file.
+
+        Raises
+        ------
+        FileError
+            When they cannot be written.
+        """
+        from medialis.show.reports.report import report_texts
+
+        page = Path(path)
+        files = page, page.with_suffix(".json")
+        texts = report_texts(self, source=source)
+        for file, text in zip(files, texts.values(), strict=True):
+            write_text(file, text)
+        return files
 
     def show(self, *others: Outcome) -> Path | None:
         """Show the result in three dimensions: in the notebook, else in the browser.

@@ -84,7 +84,12 @@ def run(
     material: Literal[
         "none", "ABS", "LCP", "PA", "PBT/PET", "PC", "PE", "PMMA", "POM", "PP", "PPS", "PS", "PUR"
     ] = "none",
+    process: Literal[
+        "none", "FDM", "SLA", "SLS", "moulding", "die_casting", "sand_casting"
+    ] = "none",
+    rules: str = "",
     gap: float | str | Length = 0.0,
+    line_width: float | str | Length = 0.0,
     rib_ratio: float = 0.6,
     min_spoke_angle: float = 150.0,
     regions: int = 100,
@@ -182,6 +187,25 @@ def run(
     places: str = "",
     starts: int = 1,
     step: float | str | Length = 0.005,
+    denoise: Literal["auto", "off"] = "auto",
+    tolerance: float | str | Length = 0.0003,
+    refine: float | str | Length = 0.02,
+    creases: float = 30.0,
+) -> Result: ...
+@overload
+def run(
+    name: Literal["tree_cylinders"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    root: str = "",
+    cylinder_length: float = 3.0,
+    taper: bool = False,
+    threshold: float | str | Length = 0.02,
+    smoothing: float = 0.7,
+    simplify: float | str | Length = 0.0,
+    candidates: float | str | Length = 0.005,
     denoise: Literal["auto", "off"] = "auto",
     tolerance: float | str | Length = 0.0003,
     refine: float | str | Length = 0.02,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,17 @@ from numpy.typing import NDArray
 
 from medialis.base.arrays import Mask
 from medialis.base.errors import InvalidOptionError
-from medialis.base.options import Length, Size, changed, choice, length, number, whole, with_unit
+from medialis.base.options import (
+    Length,
+    Size,
+    changed,
+    choice,
+    file,
+    length,
+    number,
+    whole,
+    with_unit,
+)
 from medialis.base.progress import Progress, counted
 from medialis.base.validation import FloatArray, IntArray
 from medialis.operations.declaration import Operation, Selection
@@ -26,13 +37,13 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.layers import cloud_arrays, summary, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
+from medialis.walls.rules import MATERIALS, NONE, PROCESSES, Rules, process_help, rules_of
 from medialis.walls.thickness import thickness, unresolved_walls, wall_balls
 from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_places
 from medialis.walls.wall_check import (
     EQUAL,
     LARGEST_SHARE,
     LEAST_SHARE,
-    MATERIALS,
     WallCheck,
     WallLimits,
     check_walls,
@@ -268,16 +279,18 @@ THICKNESS = Operation(
     words=("thin walls", "wall thickness", "3D print"),
 )
 
-CHECKS = ("within", "too thin", "too thick", "edge", "overlap", "gap")
+CHECKS = ("within", "too thin", "too thick", "edge", "overlap", "gap", "part lines")
 """What the numbers 0, 1, ... of the attribute `check` mean."""
 
 CHECK_COLORS = (
     (0.80, 0.82, 0.82), (0.80, 0.17, 0.18), (0.15, 0.42, 0.75),
     (0.92, 0.92, 0.90), (0.58, 0.30, 0.62), (0.95, 0.66, 0.20),
+    (0.25, 0.60, 0.48),
 )  # fmt: skip
 """Their colours in pictures."""
 
-NONE = "none"
+RATIO = 0.6
+"""Of a rib to its wall, where no process says another."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -287,14 +300,14 @@ class WallCheckRun(Preparation):
     minimum: float = length(
         0.0,
         "Minimum",
-        "Walls thinner than this are too thin. 0: as the material says, else not checked; half of "
-        "the typical wall where there is no limit at all.",
+        "Walls thinner than this are too thin. 0: as material or process say, else not checked; "
+        "half of the typical wall where there is no limit at all.",
     )
     maximum: float = length(
         0.0,
         "Maximum",
-        "Walls thicker than this are too thick. 0: as the material says, else not checked; one and "
-        "a half times the typical wall where there is no limit at all.",
+        "Walls thicker than this are too thick. 0: as material or process say, else not checked; "
+        "one and a half times the typical wall where there is no limit at all.",
     )
     material: str = choice(
         NONE,
@@ -309,15 +322,37 @@ class WallCheckRun(Preparation):
             },
         },
     )
+    process: str = choice(
+        NONE,
+        "Process",
+        "Take the limits that are usual for a way of making it, or those of the file of rules; the "
+        "unit of the shape must be known.",
+        {
+            NONE: "Only what is given counts; of a file of rules with one process, that.",
+            **{name: process_help(name) for name in PROCESSES},
+        },
+    )
+    rules: str = file(
+        "Rules",
+        "TOML file with the limits of processes, to take instead of the usual ones.",
+    )
     gap: float = length(
         0.0,
         "Gap",
-        "Walls that face each other across less room than this are too close. 0: not checked.",
+        "Walls that face each other across less room than this are too close. 0: as the process "
+        "says, else not checked.",
+    )
+    line_width: float = length(
+        0.0,
+        "Line width",
+        "Walls that are not whole lines of this width are told, as a nozzle lays them. 0: as the "
+        "process says, else not looked at.",
     )
     rib_ratio: float = number(
-        0.6,
+        RATIO,
         "Rib ratio",
-        "Ribs and bosses thicker than this share of the wall that they stand on are counted.",
+        "Ribs and bosses thicker than this share of the wall that they stand on are counted. A "
+        "process says it where this is not changed.",
         high=100.0,
     )
     min_spoke_angle: float = changed(
@@ -340,7 +375,7 @@ class WallCheckRun(Preparation):
 
 def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, measure, collect regions, ribs and gaps."""
-    limits = _limits(shape, options, progress)
+    limits = _limits(shape, options)
     gaps = limits.gap > 0
     with progress.stage("skeleton", 0.0, 0.4 if gaps else 0.7):
         cloud = surface_skeleton.of(shape, options, progress)
@@ -355,16 +390,16 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     note_resolution(cloud, progress)
     note_enclosure(cloud, progress)
     _note_limits(check, limits, options, shape, progress)
-    _note_regions(check, shape, progress)
-    _note_ribs(check, options, progress)
+    _note_regions(check, limits, shape, progress)
+    _note_ribs(check, limits.rib_ratio, progress)
     fields: dict[str, Any] = {"thickness": check.thickness, **_codes(check)}
     low = check.minimum if check.minimum > 0 else float(check.thickness.min())
     high = float(check.thickness.max()) if math.isinf(check.maximum) else check.maximum
     shown: dict[str, Any] = {"color_by": "thickness", **COLORS, "labels": ("region",)}
     limits_shown = low, max(high, low)
     layers = surface_layers("wall_check", shape, fine, fields, color_limits=limits_shown, **shown)
-    marks = _regions_layer(check) + _ribs_layer(check, options)
-    verdict, passed = _verdict(check, options)
+    marks = _regions_layer(check) + _ribs_layer(check, limits.rib_ratio)
+    verdict, passed = _verdict(check, limits.rib_ratio)
     return Outcome(
         shape=fine,
         layers=(layers[0], *marks, *layers[1:]),
@@ -379,11 +414,9 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             "too_thick": len(check.of_kind("too thick")),
             "narrow_gaps": len(check.of_kind("gap")) if gaps else None,
             "overlaps": len(check.of_kind("overlap")),
-            "thick_ribs": _thick_ribs(check, options),
-            "regions": _table(
-                check.regions,
-                *("kind", "value", "least", "most", "area", "position", "opposite", "vertices"),
-            ),
+            "part_lines": len(check.of_kind("part lines")) if limits.line_width > 0 else None,
+            "thick_ribs": _thick_ribs(check, limits.rib_ratio),
+            "regions": _region_rows(check, limits.line_width),
             "ribs": _table(
                 check.ribs[: options.regions],
                 *("kind", "ratio", "thickness", "wall", "length", "position"),
@@ -407,13 +440,16 @@ def _classes(check: WallCheck, shape: Shape) -> tuple[tuple[str, tuple[float, fl
     return tuple(zip(names, CHECK_COLORS, strict=True))
 
 
-def _limits(shape: Shape, options: WallCheckRun, progress: Progress) -> WallLimits:
-    """Return the limits in the units of the shape.
+def _limits(shape: Shape, options: WallCheckRun) -> WallLimits:
+    """Return the limits in the units of the shape: those given, of the material, of the process.
 
     Raises
     ------
+    FileError
+        When the file of rules cannot be read.
     InvalidOptionError
-        When the minimum is above the maximum, or a material is named and the unit is not known.
+        When the minimum is above the maximum, a material or a process is named and the unit is not
+        known, or as `rules_of`.
     """
     given = [value * shape.diagonal or None for value in (options.minimum, options.maximum)]
     if options.material != NONE:
@@ -421,13 +457,21 @@ def _limits(shape: Shape, options: WallCheckRun, progress: Progress) -> WallLimi
         for place, amount in enumerate(MATERIALS[options.material]):
             known = size.fraction(Length(amount, "mm"), f"the limit of {options.material}")
             given[place] = given[place] or known * shape.diagonal
-    low, high = given
+    named = rules_of(options.rules, options.process)
+    rules = named or Rules(rib_ratio=RATIO)
+
+    def asked(name: str) -> float:
+        return getattr(options, name) * shape.diagonal or rules.in_units_of(shape, name)
+
+    low, high = given[0] or asked("minimum") or None, given[1] or asked("maximum") or None
     if low is not None and high is not None and low > high:
         raise InvalidOptionError(
             f"The minimum of {with_unit(low, shape.unit)} is above the maximum of "
             f"{with_unit(high, shape.unit)}."
         )
-    return WallLimits(low, high, options.gap * shape.diagonal, options.regions)
+    ratio = rules.rib_ratio if options.rib_ratio == RATIO else options.rib_ratio
+    lines = asked("line_width"), rules.line_tolerance, rules.most_lines
+    return WallLimits(low, high, asked("gap"), options.regions, ratio, *lines)
 
 
 def _codes(check: WallCheck) -> dict[str, IntArray]:
@@ -448,27 +492,36 @@ def _regions_layer(check: WallCheck) -> tuple[Layer, ...]:
     return _marks("wall_regions", check.regions, attributes, **COLORS)
 
 
-def _ribs_layer(check: WallCheck, options: WallCheckRun) -> tuple[Layer, ...]:
+def _region_rows(check: WallCheck, line_width: float) -> list[dict[str, Any]]:
+    """Return the regions for people and programs; with the lines of a wall where lines count."""
+    names = "kind", "value", "least", "most", "area", "position", "opposite", "vertices"
+    rows = _table(check.regions, *names)
+    if line_width > 0:
+        for row in rows:
+            row["lines"] = None if row["kind"] in ("gap", "overlap") else row["value"] / line_width
+    return rows
+
+
+def _ribs_layer(check: WallCheck, most: float) -> tuple[Layer, ...]:
     ratio, rib, wall = _columns(check.ribs, "ratio", "thickness", "wall").values()
     attributes = {"ratio": ratio, "rib_thickness": rib, "wall_thickness": wall}
     attributes["boss"] = _are(check.ribs, "boss")
-    limits = 0.0, max(2.0 * options.rib_ratio, 1e-9)
+    limits = 0.0, max(2.0 * (RATIO if math.isinf(most) else most), 1e-9)
     return _marks("ribs", check.ribs, attributes, "ratio", color_limits=limits)
 
 
-def _thick_ribs(check: WallCheck, options: WallCheckRun) -> int:
-    most = options.rib_ratio * (1.0 + EQUAL)
-    return sum(rib.ratio > most for rib in check.ribs)
+def _thick_ribs(check: WallCheck, most: float) -> int:
+    return sum(rib.ratio > most * (1.0 + EQUAL) for rib in check.ribs)
 
 
-def _verdict(check: WallCheck, options: WallCheckRun) -> tuple[str, bool]:
+def _verdict(check: WallCheck, most_ratio: float) -> tuple[str, bool]:
     """Return what fails the check, in a sentence, and whether nothing does."""
     nouns = {"too thin": "wall too thin", "too thick": "wall too thick", "gap": "gap too narrow"}
     found = [
         (len(check.of_kind(kind)), noun)  # type: ignore[arg-type]
         for kind, noun in nouns.items()
     ]
-    found.append((_thick_ribs(check, options), "rib too thick for its wall"))
+    found.append((_thick_ribs(check, most_ratio), "rib too thick for its wall"))
     told = [
         f"{count} {noun if count == 1 else noun.replace(' ', 's ', 1)}"
         for count, noun in found
@@ -482,13 +535,13 @@ def _verdict(check: WallCheck, options: WallCheckRun) -> tuple[str, bool]:
 def _note_limits(
     check: WallCheck, limits: WallLimits, options: WallCheckRun, shape: Shape, progress: Progress
 ) -> None:
-    unit = shape.unit
+    unit, nothing = shape.unit, limits.minimum is None and limits.maximum is None
     low, high = with_unit(check.minimum, unit), with_unit(check.maximum, unit)
-    if limits.minimum is None and limits.maximum is None:
+    if nothing:
         text = (
             f"No limit was given: {low} to {high} were taken, {LEAST_SHARE:g} and "
             f"{LARGEST_SHARE:g} times the typical wall of {with_unit(check.typical, unit)}. Say "
-            "--minimum, --maximum or --material."
+            "--minimum, --maximum, --material or --process."
         )
     elif limits.maximum is None:
         text = f"Walls are to be at least {low} thick."
@@ -498,11 +551,17 @@ def _note_limits(
         text = f"Walls are to be {low} to {high} thick."
     if options.material != NONE:
         text += f" What is not given is usual for {options.material}, injection moulded."
+    process = options.process if options.process != NONE else "the process"
+    if options.rules:
+        text += f" What is not given stands in {Path(options.rules).name}, for {process}."
+    elif options.process != NONE:
+        text += f" What is not given is usual for {process.replace('_', ' ')}."
     told: dict[str, Any] = {"minimum": check.minimum, "material": options.material}
+    told |= {"process": options.process, "rules": options.rules}
     progress.note(text, "wall_limits", **told)
 
 
-def _note_regions(check: WallCheck, shape: Shape, progress: Progress) -> None:
+def _note_regions(check: WallCheck, limits: WallLimits, shape: Shape, progress: Progress) -> None:
     words = {
         "too thin": ("region", "too thin, the worst {} thick"),
         "too thick": ("region", "too thick, the worst {} thick"),
@@ -523,6 +582,14 @@ def _note_regions(check: WallCheck, shape: Shape, progress: Progress) -> None:
         progress.warn(text, kind.replace(" ", "_"), regions=len(regions), worst=worst.value)
     if not failed:
         progress.note("All walls are within the limits.", "walls_pass")
+    if found := check.of_kind("part lines"):
+        width = limits.line_width
+        text = (
+            f"{counted(len(found), 'region', verbs=('is', 'are'))} not whole lines of "
+            f"{with_unit(width, shape.unit)}: {found[0].value / width:.2f} lines where it is "
+            "farthest from it."
+        )
+        progress.warn(text, "part_lines", regions=len(found), lines=found[0].value / width)
     if overlaps := len(check.of_kind("overlap")):
         text = (
             f"{counted(overlaps, 'place', verbs=('is', 'are'))} thin because parts of the mesh "
@@ -543,13 +610,13 @@ def _note_regions(check: WallCheck, shape: Shape, progress: Progress) -> None:
         progress.note(text, "sharp_edges", samples=count)
 
 
-def _note_ribs(check: WallCheck, options: WallCheckRun, progress: Progress) -> None:
-    if not check.ribs:
+def _note_ribs(check: WallCheck, most: float, progress: Progress) -> None:
+    if not check.ribs or math.isinf(most):
         return
-    worst, count = check.ribs[0], _thick_ribs(check, options)
+    worst, count = check.ribs[0], _thick_ribs(check, most)
     text = (
         f"{count} of {len(check.ribs)} ribs and bosses {'is' if count == 1 else 'are'} thicker "
-        f"than {options.rib_ratio:g} of the wall beside them, {worst.ratio:.3g} at most."
+        f"than {most:g} of the wall beside them, {worst.ratio:.3g} at most."
     )
     told: dict[str, Any] = {"ribs": len(check.ribs), "thick": count, "ratio": worst.ratio}
     (progress.warn if count else progress.note)(text, "ribs", **told)
@@ -565,10 +632,11 @@ WALL_CHECK = Operation(
     "Lists the regions that are too thin or too thick with area, place and values, ribs and bosses "
     "with their ratio to the wall that they stand on, and gaps between walls that are too narrow. "
     "Sharp edges, fillets and parts that overlap are told from thin walls. Limits are given as "
-    "lengths, such as 1mm, or by the name of a plastic.",
+    "lengths, such as 1mm, by the name of a process or a plastic, or in a file of rules.",
     source="thesis 3.5.1",
     examples=(
         ("bracket.ply --unit in --minimum 1.5mm --maximum 4mm", "walls outside of 1.5 to 4 mm"),
+        ("bracket.ply --unit in --process FDM -o print", "for a printer, its lines as well"),
         (
             "bracket.ply --unit in --material ABS --gap 0.8mm -o abs",
             "what is usual for ABS, and gaps",
@@ -576,7 +644,7 @@ WALL_CHECK = Operation(
     ),
     layers={
         "wall_check": "the surface with thickness, check (0 within, 1 too thin, 2 too thick, "
-        "3 edge, 4 overlap, 5 gap) and region at each vertex",
+        "3 edge, 4 overlap, 5 gap, 6 part lines) and region at each vertex",
         "wall_regions": "one point for each region, at its worst place",
         "ribs": "one point for each rib or boss, with its ratio to the wall",
         "samples": "the same on the refined surface",

@@ -1,11 +1,4 @@
-"""How thick moulded walls are, for each plastic, in millimetres.
-
-The ranges that moulding services recommend for injection moulding; several publish the same table,
-in inches (0.045 to 0.140 for ABS). They are starting points: grade, flow length and part decide.
-Source: Protolabs, "Improving part design with uniform wall thickness"; the same numbers in the
-design guidelines of Xcentric Mold and of UpMold.
-
-Gaps: the room between walls that face each other, by balls outside of the shape.
+"""Gaps: the room between walls that face each other, by balls outside of the shape.
 
 Wall check: walls that are too thin or too thick, gaps that are too narrow (for thesis 3.5.1).
 
@@ -46,31 +39,7 @@ from medialis.walls.thin_spots import (
     thin_spots,
 )
 
-INCH = 25.4
-
-_INCHES = {
-    "ABS": (0.045, 0.140),
-    "LCP": (0.030, 0.120),
-    "PA": (0.030, 0.115),
-    "PBT/PET": (0.025, 0.125),
-    "PC": (0.040, 0.150),
-    "PE": (0.030, 0.200),
-    "PMMA": (0.025, 0.500),
-    "POM": (0.030, 0.120),
-    "PP": (0.025, 0.150),
-    "PPS": (0.020, 0.180),
-    "PS": (0.035, 0.150),
-    "PUR": (0.080, 0.750),
-}
-"""Polyamide is nylon, POM acetal, PMMA acrylic, PBT/PET polyester, LCP liquid crystal polymer."""
-
-MATERIALS = {
-    name: (round(low * INCH, 2), round(high * INCH, 2)) for name, (low, high) in _INCHES.items()
-}
-"""Least and largest thickness of a wall in millimetres."""
-
-
-RegionKind = Literal["too thin", "too thick", "gap", "overlap"]
+RegionKind = Literal["too thin", "too thick", "gap", "overlap", "part lines"]
 
 LEAST_SHARE, LARGEST_SHARE = 0.5, 1.5  # halved 100 %, doubled 100 %; halved 100 %, doubled 100 %
 """Of the typical wall, where no limit is given. Moulding guides ask for no wall below 40 to 60 % of
@@ -114,8 +83,9 @@ class WallRegion(Described):
 
     Attributes
     ----------
-    kind : {"too thin", "too thick", "gap", "overlap"}
-        "overlap": parts of the mesh overlap, by a value that is no thickness.
+    kind : {"too thin", "too thick", "gap", "overlap", "part lines"}
+        "overlap": parts of the mesh overlap, by a value that is no thickness. "part lines": a wall
+        that is not a number of whole lines of a nozzle.
     position, opposite : (3,) float64
         Both ends at the worst place; the second is NaN where no wall is there.
     value : float
@@ -155,7 +125,7 @@ class WallCheck(Described):
     typical : float
         The thickness that half of the area is thinner than.
     regions : tuple of WallRegion
-        Too thin, too thick, gaps, overlaps; the worst of each first.
+        Too thin, too thick, gaps, overlaps, part lines; the worst of each first.
     ribs : tuple of Rib
         The highest ratio first.
     """
@@ -177,12 +147,20 @@ class WallCheck(Described):
 
 @dataclass(frozen=True)
 class WallLimits:
-    """Limits in the units of the shape; None where none is given."""
+    """Limits in the units of the shape; None where none is given, lines of 0 are not looked at.
+
+    Walls miss whole lines by more than `line_tolerance` of a line; those thicker than `most_lines`
+    are filled between their lines.
+    """
 
     minimum: float | None
     maximum: float | None
     gap: float
     most_regions: int
+    rib_ratio: float = math.inf
+    line_width: float = 0.0
+    line_tolerance: float = 0.0
+    most_lines: float = 0.0
 
 
 def check_walls(
@@ -229,8 +207,11 @@ def check_walls(
         regions += run_patiently(lambda: _thick(walls, values, rows, maximum, limits), progress)
     if outer is not None and limits.gap > 0:
         regions += run_patiently(lambda: _gaps(outer, limits, angle), progress)
+    if limits.line_width > 0:
+        lines = walls, values, rows, minimum, limits
+        regions += run_patiently(lambda: _part_lines(*lines), progress)
     standing = run_patiently(lambda: ribs(walls, values, rows, cloud.inner.own), progress)
-    order: tuple[RegionKind, ...] = ("too thin", "too thick", "gap", "overlap")
+    order: tuple[RegionKind, ...] = ("too thin", "too thick", "gap", "overlap", "part lines")
     regions.sort(key=lambda region: order.index(region.kind))
     edge = np.zeros(len(values), np.bool_)
     edge[cloud.source[at_edge & (2.0 * cloud.radii < minimum)]] = True
@@ -433,6 +414,31 @@ def _thick(
     sure = surely(cloud, values, ~over_feet(cloud, values, rows), values - level)
     found = _regions("too thick", cloud, rows, values, level / values, 1.0, sure)
     return [region for region, _ in islice(found, limits.most_regions)]
+
+
+def _part_lines(
+    cloud: MedialCloud, values: FloatArray, rows: Index, minimum: float, limits: WallLimits
+) -> list[WallRegion]:
+    """Return the regions of walls that are not whole lines, the farthest from it first.
+
+    Walls between two sides count, of the minimum and more, beside the feet of others. What is
+    smaller than a square of a line is no wall of its own.
+    """
+    width = limits.line_width
+    lines = values / width
+    off = np.abs(lines - np.round(lines))
+    chosen = np.zeros(len(values), np.bool_)
+    chosen[cloud.source[rows]] = True
+    chosen &= (values >= minimum * (1.0 - EQUAL)) & ~over_feet(cloud, values, rows)
+    chosen &= (lines < limits.most_lines) & (off > limits.line_tolerance + EQUAL)
+    chosen &= (off - limits.line_tolerance) * width > unsure_by(cloud, values)
+    if not chosen.any():
+        return []
+    field = np.where(chosen, 1.0 - off, 1.0)
+    level = 1.0 - limits.line_tolerance
+    found = _regions("part lines", cloud, rows, values, field, level, chosen)
+    large = (region for region, _ in found if not region.area < width**2)
+    return list(islice(large, limits.most_regions))
 
 
 def _gaps(outer: MedialCloud, limits: WallLimits, least_angle: float) -> list[WallRegion]:

@@ -385,12 +385,14 @@ def _walls(found: Mapping[str, Any]) -> dict[str, str] | None:
     values = found["values"]
     if "passed" not in values:
         return None
+    told = values.get("part_lines")
+    lines = f" {counted(told, 'wall', verbs=('is', 'are'))} not whole lines." if told else ""
     if values["passed"]:
-        return _line("Walls", GOOD, "All walls are within the limits.")
+        return _line("Walls", INFO if told else GOOD, f"All walls are within the limits.{lines}")
     words = {"too_thin": "too thin", "too_thick": "too thick", "narrow_gaps": "gaps too narrow",
              "thick_ribs": "ribs too thick for their wall"}  # fmt: skip
     counts = [f"{number(values[name])} {text}" for name, text in words.items() if values[name]]
-    return _line("Walls", LOOK, ", ".join(counts) + ".")
+    return _line("Walls", LOOK, f"{', '.join(counts)}.{lines}")
 
 
 def _notes(messages: list[str]) -> dict[str, str]:

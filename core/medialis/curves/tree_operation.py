@@ -1,0 +1,256 @@
+"""Operation: cylinders along trunk, branches and twigs of a tree: quantitative structure models.
+
+`tree_cylinders.csv` has the columns of TreeQSM's cylinders, by which rTwig knows it as one of its,
+`tree_cylinders.branches.csv` those of its branches. Both programs count rows from 1 and take
+lengths for metres.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.options import METERS, file, flag, number
+from medialis.base.progress import Progress, counted
+from medialis.base.threads import run_patiently
+from medialis.base.validation import FloatArray
+from medialis.curves.curve_skeleton import CurveSkeleton
+from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton_of
+from medialis.curves.tree_cylinders import (
+    TreeCylinders,
+    lowest_thick_end,
+    nearest_end,
+    tree_cylinders,
+)
+from medialis.formats.files import write_lines
+from medialis.operations.declaration import Format, Operation
+from medialis.operations.positions import place
+from medialis.operations.result import Layer, Outcome, Result
+from medialis.shape.reading import surface_of_cloud
+from medialis.shape.shape import Shape
+from medialis.skeleton.layers import samples_layer, summary, vertices_in_file
+from medialis.skeleton.surface_skeleton import Preparation
+
+LITRES = 1000.0
+"""In a cubic metre."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeCylindersRun(CurveSkeletonOptions, Preparation):
+    """Options of the operation `tree_cylinders`."""
+
+    root: str = file(
+        "Root",
+        "Text file with a vertex number, or the x y z of a point, near the end where the tree "
+        "begins. Without it that is the lowest one of the thick ends.",
+        selection="each",
+    )
+    cylinder_length: float = number(
+        3.0,
+        "Cylinder length",
+        "Cylinders are about so many of their radii long.",
+        low=0.5,
+        high=100.0,
+    )
+    taper: bool = flag(
+        False,
+        "Taper",
+        "Let radii never grow along a branch, nor from one to the next.",
+    )
+
+
+def run(shape: Shape, options: TreeCylindersRun, progress: Progress) -> Outcome:
+    """Find the curve skeleton, hang it from its root, cut it in cylinders and measure them."""
+    picked = vertices_in_file(options.root, shape, "no tree begins there")
+    solid = shape
+    if shape.faces is None:
+        solid = run_patiently(lambda: surface_of_cloud(shape), progress)
+        faces = solid.face_count
+        text = f"A surface of {counted(faces, 'face')} was laid through the points of the cloud."
+        progress.note(text, "surface_of_cloud", faces=faces)
+    with progress.stage("curve skeleton", 0.0, 0.9):
+        graph = curve_skeleton_of(solid, options, progress)
+    if len(picked):
+        root = nearest_end(graph, shape.points[int(picked[0])])
+    else:
+        root = lowest_thick_end(graph, "xyz".index(shape.up or "z"))
+    tree = run_patiently(lambda: _tree(graph, root, options), progress)
+    _note(graph, root, tree, progress)
+    surface = graph.surface
+    assert surface is not None
+    return Outcome(
+        shape=surface,
+        layers=(_layer(tree), samples_layer(surface)),
+        values=_values(tree, surface.diagonal),
+        extras={"cylinders": tree, "graph": graph},
+    )
+
+
+def _tree(graph: CurveSkeleton, root: int, options: TreeCylindersRun) -> TreeCylinders:
+    return tree_cylinders(graph, root, length=options.cylinder_length, taper=options.taper)
+
+
+def _note(graph: CurveSkeleton, root: int, tree: TreeCylinders, progress: Progress) -> None:
+    if tree.cut:
+        text = (
+            f"{counted(tree.cut, 'loop', verbs=('was', 'were'))} cut where the branches that close "
+            "it are thinnest."
+        )
+        progress.warn(text, "loops_cut", loops=tree.cut)
+    parts = np.bincount(graph.components[graph.edges[:, 0]], minlength=graph.component_count)
+    other = int((parts > 0).sum()) - 1
+    if other:
+        text = (
+            f"{counted(other, 'part', verbs=('is', 'are'))} not joined to the tree and left out; "
+            "a root there gives them."
+        )
+        progress.warn(text, "parts_left_out", parts=other)
+
+
+def _layer(tree: TreeCylinders) -> Layer:
+    """Return the middles of the cylinders as lines, those of a limb in one."""
+    ends = np.append(tree.first[1:], len(tree)) - 1
+    # Each limb has a point more than cylinders: rows move on by one at each.
+    rows = np.arange(len(tree)) + tree.branches
+    count = len(tree) + len(ends)
+    points, cylinder = np.empty((count, 3)), np.empty(count, np.int64)
+    points[rows], cylinder[rows] = tree.starts, np.arange(len(tree))
+    points[rows[ends] + 1], cylinder[rows[ends] + 1] = tree.ends[ends], ends
+    attributes: dict[str, NDArray[Any]] = {
+        "radius": tree.radii[cylinder],
+        "order": tree.orders[cylinder],
+        "branch": tree.branches[cylinder],
+        "cylinder": cylinder.astype(np.int32),
+    }
+    edges = np.stack([rows, rows + 1], axis=1).astype(np.int32)
+    shown: dict[str, Any] = {"color_by": "order", "labels": ("branch",)}
+    return Layer("tree_cylinders", points, edges=edges, attributes=attributes, **shown)
+
+
+def _sums(labels: NDArray[np.integer], values: FloatArray) -> FloatArray:
+    return np.asarray(np.bincount(labels, values), np.float64)
+
+
+def _values(tree: TreeCylinders, diagonal: float) -> dict[str, Any]:
+    length, volume = (_sums(tree.branches, one) for one in (tree.lengths, tree.volumes))
+    orders, parents = tree.orders[tree.first], tree.parents[tree.first]
+    above = np.where(parents < 0, -1, tree.branches[parents])
+    return {
+        "cylinders": len(tree),
+        "limbs": len(tree.first),
+        "highest_order": int(tree.orders.max()),
+        "loops_cut": tree.cut,
+        "root": place(tree.starts[0]),
+        "length": float(length.sum()),
+        "volume": float(volume.sum()),
+        **summary(tree.radii, "radius"),
+        "diagonal": diagonal,
+        "order_table": [
+            {
+                "order": order,
+                "limbs": int((orders == order).sum()),
+                "length": float(length[orders == order].sum()),
+                "volume": float(volume[orders == order].sum()),
+            }
+            for order in range(int(orders.max()) + 1)
+        ],
+        "limb_table": [
+            {
+                "order": int(orders[row]),
+                "parent": int(above[row]),
+                "length": float(length[row]),
+                "volume": float(volume[row]),
+                "radius": float(tree.radii[tree.first[row]]),
+                "branch_angle": None if parents[row] < 0 else float(tree.angles[row]),
+                "position": place(tree.starts[tree.first[row]]),
+            }
+            for row in range(len(tree.first))
+        ],
+    }
+
+
+def _write(path: Path, columns: dict[str, NDArray[Any]]) -> None:
+    rows: Iterable[tuple[Any, ...]] = zip(*(one.tolist() for one in columns.values()), strict=True)
+    write_lines(path, [",".join(columns), *(",".join(map(repr, row)) for row in rows)])
+
+
+def _in_metres(result: Result) -> tuple[TreeCylinders, float]:
+    tree: TreeCylinders = result.extras["cylinders"]
+    return tree, METERS.get(result.shape.unit or "m", 1.0)
+
+
+def write_cylinders(path: Path, result: Result) -> None:
+    """Write a line for each cylinder, with the columns of TreeQSM; lengths are in metres."""
+    tree, metre = _in_metres(result)
+    after = np.zeros(len(tree), np.int64)
+    goes_on = tree.branches[1:] == tree.branches[:-1]
+    after[:-1][goes_on] = np.flatnonzero(goes_on) + 2
+    columns: dict[str, NDArray[Any]] = {
+        "radius": tree.radii * metre,
+        "length": tree.lengths * metre,
+    }
+    for name, rows in (("start", tree.starts * metre), ("axis", tree.axes)):
+        columns |= {f"{name}.{axis}": one for axis, one in zip("xyz", rows.T, strict=True)}
+    numbers: dict[str, NDArray[Any]] = {
+        "parent": tree.parents + 1,
+        "extension": after,
+        "added": np.zeros(len(tree), np.int64),
+        "UnmodRadius": tree.measured * metre,
+        "branch": tree.branches + 1,
+        "BranchOrder": tree.orders,
+        "PositionInBranch": tree.positions + 1,
+    }
+    _write(path, columns | numbers)
+
+
+def write_branches(path: Path, result: Result) -> None:
+    """Write a line for each limb, with the columns of TreeQSM: metres, litres, degrees."""
+    tree, metre = _in_metres(result)
+    first, parents = tree.first, tree.parents[tree.first]
+    x, y, _ = tree.leaving.T
+    columns: dict[str, NDArray[Any]] = {
+        "order": tree.orders[first],
+        "parent": np.where(parents < 0, 0, tree.branches[parents] + 1),
+        "volume": _sums(tree.branches, tree.volumes) * metre**3 * LITRES,
+        "length": _sums(tree.branches, tree.lengths) * metre,
+        "angle": np.nan_to_num(np.degrees(tree.angles)),
+        "height": (tree.starts[first, 2] - tree.starts[0, 2]) * metre,
+        "azimuth": np.degrees(np.arctan2(y, x)),
+        "diameter": 2.0 * tree.radii[first] * metre,
+    }
+    _write(path, columns)
+
+
+OPERATION = Operation(
+    name="tree_cylinders",
+    filter_name="generate_tree_cylinders",
+    label="Tree cylinders",
+    group="Skeleton",
+    help="Lay cylinders along trunk, branches and twigs of a tree, each with its parent.\n\n"
+    "Each cylinder has its radius, length, parent and branch order, each limb its volume and its "
+    "angle; together they are a quantitative structure model. The tree begins at its lowest thick "
+    "end or at a given place; loops are cut where they are thinnest. A cloud of points needs "
+    "outward normals.",
+    options=TreeCylindersRun,
+    run=run,
+    thin_lines=True,
+    formats=(
+        Format("csv", write_cylinders, "cylinders"),
+        Format("branches.csv", write_branches, "cylinders"),
+    ),
+    examples=(
+        ("creature.ply", "cylinders along body and limbs, as tables for TreeQSM and rTwig"),
+        ("creature.ply -o tapering --taper", "the same, never thicker further out"),
+    ),
+    layers={
+        "tree_cylinders": "the middles of the cylinders with radius, order and branch",
+        "samples": "the surface as computed on",
+    },
+    order=74,
+    words=("QSM", "tree", "plant", "roots", "branch order"),
+)
