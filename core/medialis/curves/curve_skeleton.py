@@ -100,6 +100,10 @@ class CurveSkeleton(Bound):
         Node of each vertex of the surface; -1: none.
     vertex_branch : (n,) int32 or None
         Branch of each vertex of the surface; -1: none (also where the skeleton is one point).
+    persistence : (v,) float64 or None
+        How sure the limb of each node is, without a unit: how many times over it is what a limb
+        must be, so that an end at 1 is at the limit. Nodes between limbs have the largest one
+        of their component. None where it was not measured.
     cloud : MedialCloud or None
         The balls that it was computed from.
     evidence : CurveEvidence or None
@@ -129,6 +133,7 @@ class CurveSkeleton(Bound):
     branch: IntArray
     vertex_node: IntArray | None = None
     vertex_branch: IntArray | None = None
+    persistence: FloatArray | None = field(default=None, kw_only=True)
     cloud: MedialCloud | None = field(default=None, kw_only=True)
     evidence: CurveEvidence | None = field(default=None, kw_only=True)
     view_points: ViewPoints | None = field(default=None, kw_only=True)
@@ -136,6 +141,8 @@ class CurveSkeleton(Bound):
     def __post_init__(self) -> None:
         v, e = len(self.nodes), len(self.edges)
         hold(self, nodes=(v, 3), edges=(e, 2), radii=v, importance=v, branch=e)
+        if self.persistence is not None:
+            hold(self, persistence=v)
         check_range(self.nodes, "nodes")
         check_range(self.radii, "radii")
         _check_edges(self.edges, v)

@@ -553,7 +553,8 @@ def simplify_branches(
     simple = CurveSkeleton.of(*known, importance=importance, vertex_node=node)
     # Branches are numbered by their lowest edge, and edges come branch after branch.
     changed = ("nodes", "edges", "radii", "importance", "branch", "vertex_node")
-    return replace(graph, **{name: getattr(simple, name) for name in changed})
+    sure = None if graph.persistence is None else graph.persistence[stays]
+    return replace(graph, persistence=sure, **{name: getattr(simple, name) for name in changed})
 
 
 def _kept(points: FloatArray, bound: FloatArray, least: int) -> Index:

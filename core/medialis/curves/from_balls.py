@@ -39,6 +39,7 @@ from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
 from medialis.curves.growth import Handles, Turns, find_handles, grow_graph, link_balls
 from medialis.curves.limb_sampling import with_limbs_sampled
+from medialis.curves.persistence import measured_persistence
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, MedialCloud, ShrinkOptions, shrink
@@ -255,6 +256,9 @@ def curve_skeleton(
             lambda: finish_graph(*given, surface.point_areas, smallest), progress
         )
         graph = put_in_surface(cloud, graph, node_of_sample, progress)
+        known = ground.measured, ground.candidates, smallest
+        sure = run_patiently(lambda: measured_persistence(graph, *known), progress)
+        graph = replace(graph, persistence=sure)
         if options.simplify > 0:
             graph = simplify_branches.of(graph, options, progress)
     handles = ground.handles

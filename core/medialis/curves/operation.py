@@ -243,7 +243,7 @@ def read_curve_skeleton(path: str | os.PathLike[str]) -> CurveSkeleton:
 
 
 def node_attributes(graph: CurveSkeleton) -> dict[str, NDArray[Any]]:
-    """Return what hosts show of each node: radius, importance, branch, degree.
+    """Return what hosts show of each node: radius, importance, branch, degree, persistence.
 
     The branch of a junction is the thickest one, that of a single node is -1.
     """
@@ -251,7 +251,8 @@ def node_attributes(graph: CurveSkeleton) -> dict[str, NDArray[Any]]:
     for number in np.argsort(graph.mean_radii, kind="stable").tolist():
         branch[graph.branches[number]] = number
     known = {"radius": graph.radii, "importance": graph.importance}
-    return {**known, "branch": branch, "degree": graph.degrees}
+    sure = {} if graph.persistence is None else {"persistence": graph.persistence}
+    return {**known, "branch": branch, "degree": graph.degrees, **sure}
 
 
 def _lengths(unit: str | None) -> str:
@@ -266,6 +267,9 @@ def json_content(graph: CurveSkeleton, unit: str | None) -> dict[str, Any]:
         content[name] = None if values is None else values.tolist()
         if name in ("radii", "importance"):
             content[name] = [v if math.isfinite(v) else None for v in content[name]]
+    if graph.persistence is not None:
+        sure = graph.persistence.tolist()
+        content["persistence"] = [v if math.isfinite(v) else None for v in sure]
     return content
 
 
@@ -288,7 +292,10 @@ def _parse_json(data: bytes) -> CurveSkeleton:
     edges = np.array(content["edges"], np.int32).reshape(-1, 2)
     given = content["branch"], content.get("vertex_node"), content.get("vertex_branch")
     whole: list[Any] = [None if row is None else np.array(row, np.int32) for row in given]
-    return CurveSkeleton(nodes, edges, *floats, *whole)
+    sure = content.get("persistence")
+    if sure is not None:
+        sure = np.array([np.inf if v is None else v for v in sure], np.float64)
+    return CurveSkeleton(nodes, edges, *floats, *whole, persistence=sure)
 
 
 def _obj_text(graph: CurveSkeleton, unit: str | None) -> str:
@@ -308,6 +315,8 @@ def _graphml_text(graph: CurveSkeleton, unit: str | None) -> str:
         "importance": graph.importance,
         "degree": graph.degrees,
     }
+    if graph.persistence is not None:
+        nodes["persistence"] = graph.persistence
     edges: dict[str, NDArray[Any]] = {"branch": graph.branch, "length": graph.edge_lengths}
     return _graphml("curve_skeleton", nodes, graph.edges, edges, unit)
 
@@ -653,7 +662,7 @@ OPERATION = Operation(
         ("creature.ply -o coarse --threshold 10%", "main branches only"),
     ),
     layers={
-        "curve_skeleton": "the graph as lines with radius, branch and importance",
+        "curve_skeleton": "the graph as lines with radius, branch, importance and persistence",
         "curve_skeleton_parts": "the surface with the branch and the node of each vertex",
         "curve_skeleton_candidates": "the balls that the graph was chosen from",
         "samples": "the surface as computed on; feature points and sources index its points",
