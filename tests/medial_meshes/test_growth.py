@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from closed_forms import box_mesh, icosphere, torus_mesh
-from medialis.medial_meshes.fine_complex import _build, _Cells, grown
+from medialis.medial_meshes.fine_complex import Cells, _build, grown
 from medialis.medial_meshes.sampling import Solid, take_samples
 
 
 def cells_of(shape, samples=800):
     """Delaunay tetrahedra of samples of a shape."""
     solid = Solid(shape.points / shape.diagonal, shape.faces)
-    return _Cells.of(solid, take_samples(solid, samples, 0))
+    return Cells.of(solid, take_samples(solid, samples, 0))
 
 
 def betti(cells, inside):

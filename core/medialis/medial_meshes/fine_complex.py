@@ -1,6 +1,6 @@
 """The fine complex: circumcenters inside a solid, connected as the Voronoi cells of its samples.
 
-1. `_Cells`: the Delaunay tetrahedra of the samples, and which are inside.
+1. `Cells`: the Delaunay tetrahedra of the samples, and which are inside.
 2. `_build`: those whose circumcenters lie inside are the vertices, faces between two of them the
    edges, and Delaunay edges with inside tetrahedra all round the polygons. On a dense sampling the
    solid retracts onto that complex (duality), so its Betti numbers are right. Small bumps leave
@@ -218,7 +218,7 @@ def _mended(solid: Solid, samples: Samples, relief: float, progress: Progress) -
     for step in range(MENDED):
         progress.update(step / MENDED)
         now = samples
-        cells = run_patiently(lambda given=now: _Cells.of(solid, given), progress)  # type: ignore[misc]
+        cells = run_patiently(lambda given=now: Cells.of(solid, given), progress)  # type: ignore[misc]
         found.append(_build(cells, relief))
         if wanted is None or found[-1].betti == wanted:
             break
@@ -266,7 +266,7 @@ def _note_topology(
 
 
 @dataclass(frozen=True, eq=False)
-class _Cells(Tetrahedra):
+class Cells(Tetrahedra):
     """Delaunay tetrahedra of the chosen samples, and which are inside.
 
     Attributes
@@ -280,7 +280,7 @@ class _Cells(Tetrahedra):
     chosen: Index
 
     @classmethod
-    def of(cls, solid: Solid, samples: Samples) -> _Cells:
+    def of(cls, solid: Solid, samples: Samples) -> Cells:
         """Compute them."""
         from scipy.spatial import Delaunay, QhullError
 
@@ -337,13 +337,13 @@ class _Cells(Tetrahedra):
         return places[first], solid.surface.face_normals[face[met[first]]]
 
 
-def _build(cells: _Cells, relief: float) -> FineComplex:
+def _build(cells: Cells, relief: float) -> FineComplex:
     """Take the dual of the inside tetrahedra, and prune it."""
     samples, chosen, inside = cells.samples, cells.chosen, cells.inside
     points, normals = samples.points[chosen], samples.normals[chosen]
     number = np.where(inside, np.cumsum(inside) - 1, -1)
-    edges, faces = _dual(cells.corners, cells.neighbours, number)
-    faces = _opened(faces, cells.proper)
+    edges, faces = dual_of(cells.corners, cells.neighbours, number)
+    faces = opened(faces, cells.proper)
     live, live_edges, live_faces = _pruned(edges, faces, points, normals, int(inside.sum()), relief)
     rows = np.flatnonzero(inside)[live]
     place = np.cumsum(live) - 1
@@ -397,7 +397,8 @@ def _fill(
         inside[changed[label[:-1]]] = becomes
 
 
-def _dual(corners: Index, neighbours: Index, number: Index) -> tuple[Index, Index]:
+def dual_of(corners: Index, neighbours: Index, number: Index) -> tuple[Index, Index]:
+    """Return edges (e, 5) and triangles (f, 5) between numbered tetrahedra, with their samples."""
     from medialis.medial_meshes._complex_kernels import dual_edges, dual_triangles
 
     count = len(corners)
@@ -410,20 +411,23 @@ def _dual(corners: Index, neighbours: Index, number: Index) -> tuple[Index, Inde
     return np.concatenate([edges, chords[:more]]), faces[:triangles].copy()
 
 
-def _opened(faces: Index, proper: Mask) -> Index:
+def opened(faces: Index, proper: Mask, first: Mask | None = None) -> Index:
     """Open the cells of samples that only inside tetrahedra touch: they are no hollows.
 
-    Each such cell loses a triangle towards a sample on the way to a `proper` one.
+    Each such cell loses a triangle towards a sample on the way to a `proper` one, of those marked
+    as `first` where it has any.
     """
     drop = []
     ends = faces[:, 3:]
     while not proper.all():
         rim = np.flatnonzero(proper[ends[:, 0]] != proper[ends[:, 1]])
+        if first is not None:
+            rim = rim[np.argsort(~first[rim], kind="stable")]
         if len(rim) == 0:
             break
         lone = np.where(proper[ends[rim, 0]], ends[rim, 1], ends[rim, 0])
-        samples, first = np.unique(lone, return_index=True)
-        drop.append(rim[first])
+        samples, chosen = np.unique(lone, return_index=True)
+        drop.append(rim[chosen])
         proper[samples] = True
     return np.delete(faces, np.concatenate(drop), axis=0) if drop else faces
 

@@ -186,7 +186,7 @@ def without_fins(given: Complex, touched: Touched, bound: float) -> tuple[Comple
         low = _low_sheets(now, touched, bound)
         if not low.any():
             break
-        vertices, edges, faces = _taken(now, low)
+        vertices, edges, faces = taken(now, low)
         if vertices.all() and edges.all():
             break
         number = np.where(vertices, np.cumsum(vertices) - 1, -1)
@@ -237,7 +237,7 @@ def _low_sheets(now: Complex, touched: Touched, bound: float) -> Mask:
     return ~stays[sheet]
 
 
-def _taken(now: Complex, low: Mask) -> tuple[Mask, Mask, Mask]:
+def taken(now: Complex, low: Mask) -> tuple[Mask, Mask, Mask]:
     """Collapse triangles from free rims, and edges that they leave; tell what stays."""
     from medialis.medial_meshes._complex_kernels import Dual, Live, prune
 

@@ -25,6 +25,7 @@ from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
 from medialis.medial_meshes.fins import creased, finless, is_round, on_reflex_edges, useful
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
+from medialis.medial_meshes.polyhedra.parting import Structure, structure_of
 from medialis.medial_meshes.refining import (
     APART,
     NEARLY_WORST,
@@ -121,6 +122,7 @@ class Base:
     sequence: Collapse
     bounds: Bounds
     roof: Roof | None = None
+    structure: Structure | None = None
 
     @cached_property
     def own(self) -> FloatArray:
@@ -175,6 +177,9 @@ class Search:
         roof = self.base.roof
         if roof is not None and self.balls >= len(roof):
             return roof.mesh(self.balls)
+        exact = self.base.structure and self.base.structure.mesh(self.balls)
+        if exact:
+            return exact
         if self.balls > MANY:
             return self._many()
         start, _ = self.base.sequence.level(self.balls)
@@ -442,6 +447,11 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
     solid, roof = _solid(shape, progress)
     if roof is not None and not options.error and balls < ENOUGH * len(roof):
         roof = None
+    if roof is None and balls:
+        structure = _structure(shape, solid, options, progress)
+        if structure is not None and structure.mesh(balls) is not None:
+            bounds = Bounds(structure.samples.points, structure.samples.normals)
+            return Base(solid, structure.fine, structure.sequence, bounds, None, structure)
     whole = roof is None and balls > MANY
     count = max(count, WHOLE_SAMPLES) if whole else count
 
@@ -469,6 +479,19 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
 
     given = count, options.relief, options.seed, roof is not None, whole
     return kept(_base, shape, given, work, progress)
+
+
+def _structure(
+    shape: Shape, solid: Solid, options: MedialMeshOptions, progress: Progress
+) -> Structure | None:
+    """Return the exact medial axis of a polyhedron that is not convex, where balls can show it."""
+    most = options.balls
+
+    def work() -> Structure | None:
+        with progress.stage("complex", 0.0, 0.5):
+            return structure_of(solid, options.seed, most)
+
+    return kept(_structure, shape, (options.seed, most), work, progress)
 
 
 def _solid(shape: Shape, progress: Progress) -> tuple[Solid, Roof | None]:

@@ -40,8 +40,17 @@ MOST_PLANES = 200
 def planes_of(solid: Solid) -> FloatArray | None:
     """Return the planes (k, 4) of a mesh: inward unit normals n and offsets b, n.x + b >= 0 inside.
 
+    None where there are many, or where a face is not flat after all.
+    """
+    found = facets_of(solid)
+    return None if found is None else found[0]
+
+
+def facets_of(solid: Solid) -> tuple[FloatArray, Index] | None:
+    """Return the planes of a mesh, and the plane of each of its triangles, -1 without area.
+
     Triangles side by side belong to one plane where the far corner of the smaller one lies in the
-    plane of the larger one. None where there are many, or where a face is not flat after all.
+    plane of the larger one.
     """
     surface = solid.surface
     points, faces, areas = solid.points, solid.faces, surface.face_areas
@@ -57,7 +66,8 @@ def planes_of(solid: Solid) -> FloatArray | None:
     count = int(label.max()) + 1
     if count > MOST_PLANES:
         return None
-    planes = []
+    planes: list[list[float]] = []
+    number = np.full(count, -1)
     for k in range(count):
         rows = np.flatnonzero(label == k)
         corners = points[np.unique(faces[rows])]
@@ -72,8 +82,9 @@ def planes_of(solid: Solid) -> FloatArray | None:
         offset = -float(normal @ corners.mean(axis=0))
         if np.abs(corners @ normal + offset).max() > 2 * FLAT:
             return None
+        number[k] = len(planes)
         planes.append([*normal, offset])
-    return np.array(planes).reshape(-1, 4)
+    return np.array(planes).reshape(-1, 4), number[label]
 
 
 @dataclass(frozen=True, eq=False)
