@@ -126,7 +126,7 @@ def test_the_ground_of_a_valley_is_found_in_a_close_look():
 
 
 def test_what_sticks_out_is_watched():
-    """A ball of radius 0.6 in a cube of side 1: its caps are 0.1 out, and it is far from corners."""
+    """A ball of radius 0.6 in a cube of side 1: its caps are out, its corners not held."""
     hollows, scale, points = boxed((1.0, 1.0, 1.0), 1000)
     none = np.empty((0, 2), np.int64), np.empty((0, 3), np.int64)
     ball = Complex(np.array([[0, 0, 0, 0.6 * scale]]), *none)

@@ -305,7 +305,7 @@ class Search:
         return best
 
     def _look(self, fit: Fit) -> _Looked:
-        """Look at all candidates, the vertices and for hollows: the worst are what is fitted next."""
+        """Look everywhere, and for hollows: the worst places are what is fitted next."""
         target, (points, normals) = self._all, self._everywhere
         outside = Envelope.of(fit.mesh).distances(points)[0]
         own = len(target.points)
