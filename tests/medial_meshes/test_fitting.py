@@ -8,8 +8,9 @@ from medialis.base.progress import Progress
 from medialis.medial_meshes.envelope import Envelope, primitives_of
 from medialis.medial_meshes.fine_complex import fine_complex
 from medialis.medial_meshes.fitting import BALLS_A_LISTED, Bounds, Fit, Target, _Follower
+from medialis.medial_meshes.hollows import Hollows
 from medialis.medial_meshes.mesh import Complex
-from medialis.medial_meshes.refining import Fault, Hollows, refined
+from medialis.medial_meshes.refining import Fault, refined
 from medialis.medial_meshes.sampling import Solid
 
 
@@ -85,7 +86,7 @@ def test_a_hollow_that_no_sample_of_the_surface_tells():
     fine = fine_complex(solid, 1000, 0.002, 0, Progress())
     scale = 1 / sphere.diagonal
     given = shell(0.8, 0.2).placed(scale, np.zeros(3))
-    hollows = Hollows(fine, Bounds(fine.samples.points, fine.samples.normals))
+    hollows = Hollows(solid, fine, Bounds(fine.samples.points, fine.samples.normals))
     places, depth = hollows.of(given, 0.01 * scale)
     # Slabs of chords e = 0.32 lie e^2 / 6 = 0.02 further in, samples between them half of that.
     assert 0.38 * scale < depth < 0.45 * scale
@@ -94,6 +95,45 @@ def test_a_hollow_that_no_sample_of_the_surface_tells():
     assert np.allclose(places[:, 3] * places[:, 4] / scale, 1 - radius, atol=0.01)
     full = Complex(np.array([[0, 0, 0, scale]]), np.empty((0, 2), np.int64), np.empty((0, 3), int))
     assert hollows.of(full, 0.01)[1] < 0.02 * scale
+
+
+def boxed(size, count):
+    """Return what finds hollows in a box, the scale to diagonal 1, and samples."""
+    box = box_mesh(size, 0.1)
+    scale = 1 / box.diagonal
+    solid = Solid(box.points * scale, box.faces)
+    samples = (fine := fine_complex(solid, count, 0.002, 0, Progress())).samples
+    return Hollows(solid, fine, Bounds(samples.points, samples.normals)), scale, samples.points
+
+
+def test_the_ground_of_a_valley_is_found_in_a_close_look():
+    """Two cones with radii from 0.5 to 0.1 meet in the middle of a box; their walls lean by 0.92.
+
+    The ground has the radius 0.1 / 0.92, and is deepest where it is as far from two faces.
+    """
+    hollows, scale, points = boxed((3.0, 1.0, 1.0), 2000)
+    balls = np.array([[-1.0, 0, 0, 0.5], [0, 0, 0, 0.1], [1, 0, 0, 0.5]]) * scale
+    given = Complex(balls, np.array([[0, 1], [1, 2]]), np.empty((0, 3), np.int64))
+    outside = Envelope.of(given).distances(points)[0]
+    found = hollows.look(given, 0.3 * scale, outside)
+    ground = 0.1 / np.sqrt(1 - 0.4**2)
+    assert np.isclose(found.largest, (0.5 - ground * np.sqrt(0.5)) * scale, rtol=0.02)
+    places, depth = found.within[:, :3], found.within[:, 3] * found.within[:, 4]
+    assert len(places) > 50 and np.abs(Envelope.of(given).distances(places)[0]).max() < 0.01 * scale
+    assert np.allclose(depth, 0.5 * scale - np.abs(places[:, 1:]).max(axis=1), atol=1e-3)
+    assert np.abs(places[:, 0]).max() < 0.3 * scale  # beside the valley nothing is that deep
+    assert len(found.watched[0]) == 0
+
+
+def test_what_sticks_out_is_watched():
+    """A ball of radius 0.6 in a cube of side 1: its caps are out, its corners not held."""
+    hollows, scale, points = boxed((1.0, 1.0, 1.0), 1000)
+    none = np.empty((0, 2), np.int64), np.empty((0, 3), np.int64)
+    ball = Complex(np.array([[0, 0, 0, 0.6 * scale]]), *none)
+    found = hollows.look(ball, 0.05 * scale, np.zeros(len(points)))
+    assert np.isclose(found.largest, (0.5 - 0.6 / np.sqrt(3)) * scale, rtol=0.02)
+    row, shares = found.watched
+    assert len(row) > 100 and (row == 0).all() and (shares == [1, 0, 0]).all()
 
 
 def test_places_of_a_fit_are_there_once():

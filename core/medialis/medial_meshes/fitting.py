@@ -249,6 +249,10 @@ class Target:
         return replace(self, within=np.concatenate([self.within, more]))
 
 
+Watched = tuple[Index, FloatArray]
+"""Primitives, and the shares of their balls: places of a complex that are looked at, too."""
+
+
 class _Follower:
     """Distances of fixed places to an envelope whose balls move step by step."""
 
@@ -320,11 +324,16 @@ class Fit:
         target: Target,
         damping: float = DAMPING,
         progress: Progress | None = None,
+        watched: Watched | None = None,
     ) -> None:
         self.complex, self.target, self.balls, self.damping = given, target, given.balls, damping
         self._progress = progress or Progress()
         self.rows = primitives_of(given)
         self.lattice_row, self.lattice = _lattice(self.rows)
+        if watched is not None:
+            self.lattice_row, self.lattice = (
+                np.concatenate(pair) for pair in zip(_lattice(self.rows), watched, strict=True)
+            )
         self._corners = np.where(self.rows < 0, 0, self.rows)[self.lattice_row]
         self._known: Overshoot | None = None
         self._tree: Tree | None = None

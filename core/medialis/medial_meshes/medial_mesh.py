@@ -23,14 +23,14 @@ from medialis.medial_meshes.distances import measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
 from medialis.medial_meshes.fins import creased, finless, is_round, on_reflex_edges, useful
-from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target
+from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target, Watched
+from medialis.medial_meshes.hollows import Hollows
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
 from medialis.medial_meshes.polyhedra.parting import Structure, structure_of
 from medialis.medial_meshes.refining import (
     APART,
     NEARLY_WORST,
     Fault,
-    Hollows,
     faults_of,
     refined,
     refined_at_once,
@@ -89,8 +89,8 @@ the same mesh, and put where the fit is worst."""
 MORE = 5  # halved 0 %, doubled 0 %
 """Pairs of shares that `best` tries after the first, one after the other."""
 
-LAST = 3  # halved 8 %, doubled 7 %
-"""How often the last fit is made, as long as it gets nearer."""
+LAST, STALE = 6, 2
+"""How often the last fit is made, and how often without getting nearer."""
 
 WORST = 600  # halved 43 %, doubled 43 %
 """Places beside the samples that join the fit in the end, where the error is large there."""
@@ -105,7 +105,8 @@ PLANS = {
     "fast": ((2, 4), (4, 4), (9, 4)),
     "first": ((2, 6), (4, 6)),
     "round": ((4, 4), (9, 4)),
-    "last": ((9, 8), (16, 8)),
+    "close": ((9, 8), (16, 8)),
+    "last": ((16, 6), (32, 6)),
     "many": ((2, 4), (6, 4)),
     "more": ((4, 3), (9, 4)),
     "end": ((12, 4),),
@@ -136,7 +137,7 @@ class Base:
     @cached_property
     def hollows(self) -> Hollows:
         """What finds hollows."""
-        return Hollows(self.fine, self.bounds)
+        return Hollows(self.solid, self.fine, self.bounds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +148,16 @@ class _Found:
     error: float
     target: Target
     damping: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Looked:
+    """Fitted balls, their error wherever one can be, and what the next fit looks at."""
+
+    mesh: Complex
+    error: float
+    target: Target
+    watched: Watched
 
 
 class Search:
@@ -192,12 +203,12 @@ class Search:
         self.progress.update(1 / steps)
         best = self._swapped(best, SHARES[0])
         self.progress.update(2 / steps)
-        found = self._last(best)
+        found = self._last(best.mesh).mesh
         if quality == "best":
             for k in range(MORE):
                 self.progress.update((3 + k) / steps)
                 best = self._swapped(best, SHARES[(k + 1) % len(SHARES)])
-            found = min(found, self._last(best), key=self.base.error)
+            found = min(found, self._last(best.mesh).mesh, key=self.base.error)
         return found
 
     def _fitted(self, start: Complex, target: Target, plan: str, damping: float = DAMPING) -> Fit:
@@ -285,15 +296,32 @@ class Search:
             faults = Fault.joined([faults, self.base.hollows.faults(places)])
         return faults, target
 
-    def _last(self, best: _Found) -> Complex:
-        """Fit until that gets no nearer; deep hollows join."""
-        now = best
-        for _ in range(LAST):
-            now = self._measured(best.mesh, now.target, "last", now.damping, best.error)
-            if now.error >= best.error:
+    def _last(self, start: Complex) -> _Looked:
+        """Fit what was looked at, and look again, until that gets no nearer."""
+        best = now = self._look(Fit(start, self._all, DAMPING, self._still))
+        since = 0
+        for k in range(LAST):
+            fit = Fit(now.mesh, now.target, DAMPING, self._still, now.watched)
+            now = self._look(fit.run(PLANS["last" if k else "close"]))
+            since = 0 if now.error < best.error else since + 1
+            best = min(best, now, key=lambda one: one.error)
+            if since == STALE:
                 break
-            best = now
-        return best.mesh
+        return best
+
+    def _look(self, fit: Fit) -> _Looked:
+        """Look everywhere, and for hollows: the worst places are what is fitted next."""
+        target, (points, normals) = self._all, self._everywhere
+        outside = Envelope.of(fit.mesh).distances(points)[0]
+        own = len(target.points)
+        outside[:own][self.base.fine.samples.areas == 0] = 0.0  # mirrored ones
+        off = max(fit.now.off, float(np.abs(outside).max()))
+        found = self.base.hollows.look(fit.mesh, off, outside[:own])
+        worst = np.argsort(-np.abs(outside), kind="stable")[:WORST]
+        within = np.concatenate([target.within, found.within])
+        rows = np.union1d(target.rows, worst)
+        target = Target(points, normals, rows, within, target.bounds)
+        return _Looked(fit.mesh, max(off, found.largest), target, found.watched)
 
     def _with_worst(self, now: Complex, within: FloatArray) -> Target:
         """Return a target that looks at the worst of all candidates and vertices as well."""

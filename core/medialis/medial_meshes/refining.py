@@ -1,7 +1,7 @@
 """Balls added to a fitted complex where it is worst: on its primitives, so the topology stays.
 
-`Fault` are places where a complex is wrong; `faults_of` tells those that a fit sees, `Hollows`
-those that lie deep in the solid, which no sample of the surface tells.
+`Fault` are places where a complex is wrong; `faults_of` tells those that a fit sees, `Hollows` in
+hollows.py those that lie deep in the solid.
 """
 
 from __future__ import annotations
@@ -10,12 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Index, kd_tree
+from medialis.base.arrays import Index
 from medialis.base.validation import FloatArray
-from medialis.medial_meshes.distances import boundary_points
 from medialis.medial_meshes.envelope import Envelope
-from medialis.medial_meshes.fine_complex import FineComplex
-from medialis.medial_meshes.fitting import Bounds, Fit
+from medialis.medial_meshes.fitting import Fit
 from medialis.medial_meshes.mesh import Complex
 
 PART = 0.12  # halved 35 %, doubled 43 %
@@ -35,21 +33,6 @@ AT_ONCE, AT_ONCE_APART = 200, 0.02
 
 NEAR_RADII, NEAR = 0.5, 0.02  # halved 0 %, doubled 49 %; halved 0 %, doubled 49 %
 """Parts of its radius, and diagonals, up to which the wanted ball may lie off its place."""
-
-HOLLOWS_LOOKED_AT = 40_000  # halved 27 %, doubled 27 %
-"""Points of the envelope that are looked at by default, about."""
-
-MOST = 600  # halved 0 %, doubled 0 %
-"""Places that join a fit, at most: the deepest."""
-
-SHALLOW = 0.3  # halved 33 %, doubled 26 %
-"""Places of less than this part of the largest depth do not join."""
-
-FROM = 0.9  # halved 34 %, doubled 51 %
-"""Places join from this part of the error at the samples on."""
-
-LEAST, MOST_HELD = 0.1, 0.5  # halved 36 %, doubled 42 %; halved 85 %, doubled 43 %
-"""How deep the envelope has to hold a place, as parts of its depth."""
 
 
 def subdivided(given: Complex, row: Index, shares: FloatArray, ball: FloatArray) -> Complex:
@@ -175,38 +158,3 @@ def _new_ball(
     here = shares @ given.balls[row]
     close = np.linalg.norm(wanted[:3] - here[:3]) < NEAR_RADII * here[3] + near
     return wanted if close or (shares > PART).sum() == 1 else here
-
-
-@dataclass(frozen=True)
-class Hollows:
-    """What finds the hollows of envelopes in a solid, which its fine complex tells."""
-
-    fine: FineComplex
-    surface: Bounds
-
-    def of(
-        self, given: Complex, off: float, points: int = HOLLOWS_LOOKED_AT
-    ) -> tuple[FloatArray, float]:
-        """Return places (i, 5) as a `Target` takes them, and the largest depth.
-
-        An envelope that is nowhere farther than `off` from the surface holds a place by its depth
-        less `off`. What is missing counts as the depth where the envelope ends at the place: that
-        is the error then. The largest depth is told whether or not places join.
-        """
-        places, _ = boundary_points(Envelope.of(given), points)
-        _, near = self.surface.nearest(places)
-        samples = self.fine.samples
-        way = samples.points[near] - places
-        depth = np.maximum(np.einsum("ij,ij->i", way, samples.normals[near]), 0.0)
-        deepest = float(depth.max(initial=0.0))
-        deep = np.flatnonzero(depth > max(SHALLOW * deepest, FROM * off))
-        worst = deep[np.argsort(-depth[deep], kind="stable")[:MOST]]
-        places, depth = places[worst], depth[worst]
-        held = np.clip(depth - off, LEAST * depth, MOST_HELD * depth)
-        return np.column_stack([places, held, depth / held]), deepest
-
-    def faults(self, places: FloatArray) -> Fault:
-        """Return faults at such places, each with the fine ball nearest to it."""
-        points, balls = places[:, :3], self.fine.balls
-        nearest = kd_tree(balls[:, :3]).query(points)[1]
-        return Fault(points, self.surface.nearest(points)[0], balls[nearest], points)
