@@ -555,6 +555,20 @@ def tree_cylinders() -> Image:
     return _sheet(shown, ["a mesh: orders of branches", "a cloud, open below"], 2)
 
 
+def convex_pieces() -> Image:
+    """Draw pieces moved apart: of a bracket, of a vase, and of the creature."""
+    names, apart = ("bracket", "vase", "creature"), []
+    for name in names:
+        result = medialis.run("convex_pieces", medialis.sample_shape(name))
+        layer, own = result.layers[0], result.layers[0].attributes["piece"]
+        middles = np.array([layer.points[own == k].mean(axis=0) for k in range(own.max() + 1)])
+        moved = layer.points + 0.35 * (middles - layer.points.mean(axis=0))[own]
+        apart.append(replace(result, layers=(replace(layer, points=moved),)))
+    counts = [result.values["pieces"] for result in apart]
+    words = [f"{name}: {n} pieces" for name, n in zip(names, counts, strict=True)]
+    return _sheet(apart, words, 3)
+
+
 def curve_comparison() -> Image:
     """Five shapes: curve skeletons from the surface skeleton above, from views below."""
     shapes = [medialis.organic_shape(120), *_tubes(), _wheel()]
@@ -813,7 +827,8 @@ PICTURES: dict[str, Callable[[], Image]] = {
         turntable, views, skeleton_mesh, mesh_angles, mesh_bridges, mesh_box,
         medial_mesh, medial_mesh_balls, medial_mesh_sheets,
         midsurface, importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
-        curve_options, curve_comparison, centerline, tree_cylinders, view_curve_skeleton,
+        curve_options, curve_comparison, centerline, tree_cylinders, convex_pieces,
+        view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, limbs, parts,
         parts_as_seen, manifolds, skeleton_manifolds, remove_outliers, mean_shift_segments,
         test_poses,

@@ -57,6 +57,7 @@ LENGTHS = frozenset(
     | {"minimum", "maximum", "typical", "wall", "least", "most"}
     | {"rib_thickness", "wall_thickness", "weld_length"}
     | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
+    | {"pieces_to_surface", "surface_to_pieces"}
 )
 AREAS = frozenset({"area"})
 RADIANS = frozenset({"spoke_angle", "edge_angle", "fork_angle", "branch_angle"})

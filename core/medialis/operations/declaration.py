@@ -63,6 +63,8 @@ class Format(Described):
         ``read(path)`` gives that extra output back.
     unasked : bool
         Always written.
+    beside : bool
+        It has more files: ``write(path, result, new)``, where ``new(name)`` is the path of another.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Format(Described):
     of: str = ""
     read: Callable[[Path], Any] | None = None
     unasked: bool = False
+    beside: bool = False
 
 
 @dataclass(frozen=True, repr=False)

@@ -163,6 +163,16 @@ def run(
 ) -> Result: ...
 @overload
 def run(
+    name: Literal["convex_pieces"],
+    shape: ShapeLike,
+    *,
+    threads: int | None = None,
+    progress: Progress | ProgressCallback | None = None,
+    error: float | str | Length = 0.02,
+    pieces: int = 64,
+) -> Result: ...
+@overload
+def run(
     name: Literal["curve_skeleton"],
     shape: ShapeLike,
     *,

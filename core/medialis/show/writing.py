@@ -579,7 +579,8 @@ def _write_data(
         # A result made by hand is of no operation.
         for one in registry.operation(result.operation).formats if result.operation else ():
             if one.of in result.extras and (one.unasked or one.name in formats):
-                one.write(new(f"{result.operation}.{one.name}"), result)
+                more = (new,) if one.beside else ()
+                one.write(new(f"{result.operation}.{one.name}"), result, *more)
         write_npz(new(f"{result.operation}.npz"), result.arrays)
 
 

@@ -1,0 +1,528 @@
+"""Convex decomposition: few convex pieces that hold a solid and leave its holes open.
+
+1. The surface is cut into small triangles. Each belongs to the cone or slab of a medial mesh that
+   it lies at, and has a foot in it: the hull of the triangles of a slab, and of their feet, holds
+   both sides of a wall. One that sticks out by more than the error is halved, again and again.
+2. A piece grows from one of these groups: neighbours are merged with it, the nearest first, while
+   the hull sticks out by no more than the error; of those that do not fit the halves are tried.
+   The next piece begins beside what is covered, and takes what is not.
+3. If there are more pieces than wanted, that is done again with a larger error.
+
+A hull sticks out by more than the error where it reaches the surface that runs outside of the solid
+at that distance, in holes and cavities as well: places on that surface are looked at.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from medialis.base.arrays import Described, Index, Mask, enclosed_volume
+from medialis.base.box_tree import NearestTree
+from medialis.base.options import Options, algorithm, length, whole
+from medialis.base.progress import Progress, counted
+from medialis.base.validation import FloatArray, IntArray, Positions
+from medialis.medial_meshes.distances import pieces_of
+from medialis.medial_meshes.envelope import Envelope
+from medialis.medial_meshes.medial_mesh import MedialMeshOptions, medial_mesh
+from medialis.medial_meshes.mesh import MedialMesh
+from medialis.medial_meshes.sampling import Solid, without_holes
+from medialis.shape.shape import Shape
+
+BALLS = 60
+"""Of the medial mesh whose cones and slabs are merged."""
+
+SIDE, FINER = 0.04, 0.25
+"""Diagonals: sides of the small triangles; no more than this share of the root of the error, since
+flat hulls in a round hole reach between places by the square of their distance."""
+
+APART = 0.6
+"""Sides of small triangles: of several places nearer than that one is looked at."""
+
+LEVEL = 0.9
+"""Share of the error at which places outside are looked at: hulls reach a bit farther between."""
+
+THINNED = 0.25
+"""Share of the error by which a hull may miss corners of its triangles, which keeps it small."""
+
+HALVINGS, TRIED_HALVINGS, FEWEST = 10, 2, 16
+"""Of a group that sticks out; of one that does not fit, and small triangles from which on."""
+
+AGAIN = 6
+"""Times that a piece grows, at most: places where it sticks out farther are looked at from then on,
+and it alone has to keep to a smaller error."""
+
+LOOSER = 1.4
+"""Times the error of before, where there are too many pieces."""
+
+GRID, ON_HULL = 1.0 / 64, 0.04
+"""Diagonals: steps of the grid outside, and sides of parts of hulls, at which is measured at last
+how far they stick out."""
+
+IN_UNION = 50_000
+"""Places at which the volume of all pieces together is estimated."""
+
+ROUNDING, PLANES_AT_ONCE = 1e-9, 16
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ConvexPieces(Described):
+    """Convex pieces that hold a solid.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        Corners of all pieces, in the units of the shape; each piece has its own.
+    faces : (m, 3) int32
+        Outward; those of a piece are a closed convex surface.
+    of_points, of_faces : (n,), (m,) int32
+        Number of the piece that each belongs to, ascending; piece 0 is the largest.
+    pieces_to_surface : float
+        How far a piece sticks out of the solid, at most; measured at places on and in the pieces.
+    surface_to_pieces : float
+        How far the surface lies outside of all pieces, at most.
+    volume_ratio : float
+        Volume of the pieces together over that of the solid; an estimate, good to about 1 %.
+    """
+
+    points: Positions
+    faces: IntArray
+    of_points: IntArray
+    of_faces: IntArray
+    pieces_to_surface: float
+    surface_to_pieces: float
+    volume_ratio: float
+
+    def __len__(self) -> int:
+        return int(self.of_points.max(initial=-1)) + 1
+
+    def piece(self, number: int) -> tuple[FloatArray, IntArray]:
+        """Return points (k, 3) and faces (f, 3) of one piece."""
+        own = np.flatnonzero(self.of_points == number)
+        return self.points[own], self.faces[self.of_faces == number] - np.int32(own[0])
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvexPiecesOptions(Options):
+    """Options of `convex_pieces`."""
+
+    error: float = length(
+        0.02,
+        "Largest error",
+        "Pieces stick out of the shape by no more than this: holes and gaps that are wider than "
+        "twice this stay open.",
+        low=0.001,
+        high=0.5,
+    )
+    pieces: int = whole(
+        64,
+        "Pieces",
+        "At most so many pieces; where more would be needed, they stick out farther.",
+        low=1,
+        high=10_000,
+    )
+
+
+@algorithm(ConvexPiecesOptions)
+def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress) -> ConvexPieces:
+    """Hold a solid by few convex pieces that leave its holes open, as physics engines want it.
+
+    Parameters
+    ----------
+    shape : Shape
+        A closed mesh of m faces. Small holes are closed, as by `medial_mesh`.
+
+    Returns
+    -------
+    ConvexPieces
+        They may overlap.
+
+    Raises
+    ------
+    InvalidShapeError
+        For a cloud, and for a mesh that encloses nothing.
+
+    See Also
+    --------
+    medial_mesh : whose cones and slabs are merged.
+
+    Notes
+    -----
+    Cost: O(p g log v) for p pieces, g groups of small triangles and v corners of a hull, most of it
+    in convex hulls of few points.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> found = medialis.convex_pieces(medialis.organic_shape(56), error=0.05)
+    >>> 1 < len(found) < 10, found.pieces_to_surface < 0.05 * medialis.organic_shape(56).diagonal
+    (True, True)
+    """
+    with progress.stage("medial mesh", 0.0, 0.4):
+        given = MedialMeshOptions(balls=BALLS, quality="fast")
+        mesh = medial_mesh.of(shape, given, progress.still)
+    assert shape.faces is not None
+    middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
+    points, faces, _ = without_holes((shape.points - middle) / scale, shape.faces)
+    solid = Solid(points, faces)
+    with progress.stage("groups", 0.4, 0.5):
+        cut = _Cut.of(solid, mesh, middle, scale, options.error, progress)
+    with progress.stage("pieces", 0.5, 0.9):
+        hulls = _few(cut, options, progress)
+    with progress.stage("measure", 0.9, 1.0):
+        return _measured(cut, hulls, middle, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Hull:
+    """A convex hull: corners (k, 3), and planes (f, 4) of its triangles, outward."""
+
+    points: FloatArray
+    planes: FloatArray
+    triangles: Index
+
+    @classmethod
+    def of(cls, points: FloatArray) -> Hull:
+        """Take the hull of four points or more; those in a plane are moved by as good as nothing.
+
+        What lies in it is told up to rounding.
+        """
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            found = ConvexHull(points)
+        except QhullError:
+            found = ConvexHull(points, qhull_options="QJ")
+        number = np.zeros(len(points), np.int64)
+        number[found.vertices] = np.arange(len(found.vertices))
+        return cls(points[found.vertices], found.equations, number[found.simplices])
+
+    @cached_property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Low and high corner of its box."""
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+    @cached_property
+    def faces(self) -> Index:
+        """Its triangles, turned outward."""
+        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
+        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), self.planes[:, :3]) < 0
+        return np.where(inward[:, None], self.triangles[:, ::-1], self.triangles)
+
+    @property
+    def volume(self) -> float:
+        """What it encloses."""
+        return enclosed_volume(self.points, self.faces)
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """Places all over it."""
+        parts = pieces_of(self.points[self.triangles], ON_HULL)
+        sides = 0.5 * (parts + np.roll(parts, 1, axis=1))
+        return np.concatenate([parts.mean(axis=1), sides.reshape(-1, 3)])
+
+    def rows(self, places: FloatArray, slack: float = 0.0) -> Index:
+        """Return the rows of places (q, 3) that lie in it, or outside by no more than `slack`."""
+        low, high = self.bounds
+        rows = np.flatnonzero(((places >= low - slack) & (places <= high + slack)).all(axis=1))
+        for begin in range(0, len(self.planes), PLANES_AT_ONCE):
+            planes = self.planes[begin : begin + PLANES_AT_ONCE]
+            rows = rows[(places[rows] @ planes[:, :3].T + planes[:, 3] <= slack).all(axis=1)]
+        return rows
+
+
+WAYS = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))[:13]
+
+
+def thinned(points: FloatArray, most: float) -> FloatArray:
+    """Return some of the points; the others lie outside of their hull by no more than `most`."""
+    corners = Hull.of(points).points
+    along = corners @ WAYS.T
+    chosen = np.unique([along.argmin(axis=0), along.argmax(axis=0)])
+    while 4 <= len(chosen) < len(corners):
+        planes = Hull.of(corners[chosen]).planes
+        out = corners @ planes[:, :3].T + planes[:, 3]
+        farthest = np.unique(out.argmax(axis=0)[out.max(axis=0) > most])
+        if np.isin(farthest, chosen).all():
+            return corners[chosen]
+        chosen = np.union1d(chosen, farthest)
+    return corners
+
+
+@dataclass(eq=False)
+class _Group:
+    """Small triangles that are merged together: their rows, and how often they were halved."""
+
+    cut: _Cut
+    rows: Index
+    leaf: int = -1
+    depth: int = 0
+
+    @cached_property
+    def corners(self) -> FloatArray:
+        """Points whose hull holds its triangles and feet, but for a share of the error."""
+        return thinned(self.cut.corners[self.rows].reshape(-1, 3), THINNED * self.cut.error)
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """The mean of its triangles."""
+        return self.cut.middles[self.rows].mean(axis=0)
+
+    @cached_property
+    def halves(self) -> list[_Group]:
+        """Both sides of the middle of its longest axis; none where all is at one place."""
+        away = self.cut.middles[self.rows] - self.middle
+        along = away @ np.linalg.eigh(away.T @ away)[1][:, -1]
+        first = along < 0.5 * (along.min() + along.max())
+        if first.all() or not first.any():
+            return []
+        sides = (self.rows[first], self.rows[~first])
+        return [_Group(self.cut, rows, self.leaf, self.depth + 1) for rows in sides]
+
+
+@dataclass(eq=False)
+class _Cut:
+    """A solid of diagonal 1 whose surface is cut into small triangles.
+
+    `corners` (t, 4, 3) has the triangles, each with its foot; `middles` (t, 3), `normals` (t, 3).
+    """
+
+    solid: Solid
+    error: float
+    corners: FloatArray
+    middles: FloatArray
+    normals: FloatArray
+    groups: list[_Group]
+    neighbours: list[set[int]]
+
+    @classmethod
+    def of(
+        cls,
+        solid: Solid,
+        mesh: MedialMesh,
+        middle: FloatArray,
+        scale: float,
+        error: float,
+        progress: Progress,
+    ) -> _Cut:
+        """Cut the surface, and take groups whose hulls stick out by no more than the error."""
+        side = min(SIDE, FINER * error**0.5)
+        triangles = pieces_of(solid.points[solid.faces[solid.walls]], side)
+        middles = triangles.mean(axis=1)
+        sides = triangles[:, 1:] - triangles[:, :1]
+        normals = np.cross(sides[:, 0], sides[:, 1])
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
+        envelope = Envelope.of(mesh.complex.placed(1.0, -middle).placed(1.0 / scale, np.zeros(3)))
+        _, primitive, shares = envelope.distances(middles)
+        balls = envelope.balls[np.maximum(envelope.rows[primitive], 0), :3]
+        feet = np.einsum("qk,qkd->qd", shares, balls)
+        outside = ~solid.contains(feet)
+        feet[outside] = (middles - THINNED * error * normals)[outside]
+        corners = np.concatenate([triangles, feet[:, None]], axis=1)
+        found = cls(solid, error, corners, middles, normals, [], [])
+        order = np.argsort(primitive, kind="stable")
+        starts = np.flatnonzero(np.diff(primitive[order], prepend=-1))
+        waiting = [_Group(found, rows) for rows in np.split(order, starts[1:])]
+        shell = found.shell(error)
+        while waiting:
+            group = waiting.pop()
+            if group.depth < HALVINGS and group.halves and found.too_far(group, shell):
+                waiting += group.halves
+                continue
+            found.groups.append(_Group(found, group.rows, len(found.groups)))
+            progress.update(len(found.groups) / (len(found.groups) + len(waiting)))
+        found.neighbours = _neighbours(found)
+        return found
+
+    @cached_property
+    def tree(self) -> NearestTree:
+        """Of the surface."""
+        faces = np.asarray(self.solid.faces[self.solid.walls], np.int32)
+        return NearestTree.of_triangles(self.solid.points, faces)
+
+    def shell(self, error: float) -> FloatArray:
+        """Return places that lie outside, about as far away as hulls may stick out."""
+        far = LEVEL * error
+        on = np.concatenate([self.middles[:, None], self.corners[:, :3]], axis=1)
+        places = (on + far * self.normals[:, None]).reshape(-1, 3)
+        places = places[self.tree.distances(places)[0] > far * (1.0 - 1e-3)]
+        cells = np.floor(places / (APART * min(SIDE, FINER * self.error**0.5)))
+        places = places[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
+        grid, away = self.grid
+        return np.concatenate([places, grid[(away > error) & (away < error + 2.0 * GRID)]])
+
+    @cached_property
+    def grid(self) -> tuple[FloatArray, FloatArray]:
+        """Places of a grid outside of the solid, and how far away they are."""
+        low, high = self.solid.points.min(axis=0), self.solid.points.max(axis=0)
+        steps = [np.arange(a + 0.5 * GRID, b, GRID) for a, b in zip(low, high, strict=True)]
+        grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
+        grid = grid[~self.solid.contains(grid)]
+        return grid, self.tree.distances(grid)[0]
+
+    def too_far(self, group: _Group, shell: FloatArray) -> bool:
+        """Tell whether a group sticks out by more than the error."""
+        hull = Hull.of(group.corners)
+        return bool(len(hull.rows(shell)) or len(self.beyond(hull, self.error)))
+
+    def beyond(self, hull: Hull, error: float) -> FloatArray:
+        """Return places of a hull that stick out by more than an error."""
+        places = hull.places
+        places = places[self.tree.distances(places)[0] > error]
+        return places[~self.solid.contains(places)]
+
+
+def _neighbours(cut: _Cut) -> list[set[int]]:
+    """Return the groups that have a corner in common with each."""
+    owner = np.empty(len(cut.corners), np.int64)
+    for number, group in enumerate(cut.groups):
+        owner[group.rows] = number
+    corners = np.round(cut.corners[:, :3].reshape(-1, 3), 9)
+    vertex = np.unique(corners, axis=0, return_inverse=True)[1].ravel()
+    pairs = np.unique(np.stack([vertex, np.repeat(owner, 3)], axis=1), axis=0)
+    result: list[set[int]] = [set() for _ in cut.groups]
+    starts = np.flatnonzero(np.diff(pairs[:, 0], prepend=-1))
+    for around in np.split(pairs[:, 1], starts[1:]):
+        for one in around.tolist() if len(around) > 1 else ():
+            result[one].update(around.tolist())
+    return result
+
+
+def _few(cut: _Cut, options: ConvexPiecesOptions, progress: Progress) -> list[Hull]:
+    """Return at most so many hulls, with the error wanted or the least that was tried."""
+    error = options.error
+    while error < 1.0:
+        hulls = []
+        for hull, share in _grown(cut, error):
+            hulls.append(hull)
+            progress.update(share)
+            if len(hulls) > options.pieces:
+                break
+        else:
+            break
+        error *= LOOSER
+    else:
+        hulls = [Hull.of(thinned(cut.corners.reshape(-1, 3), THINNED * cut.error))]
+    if error > options.error:
+        text = (
+            f"More than {counted(options.pieces, 'piece')} would be needed for an error of "
+            f"{100 * options.error:.3g} % of the size: pieces stick out farther."
+        )
+        progress.warn(text, "more_pieces", pieces=options.pieces, error=error)
+    return hulls
+
+
+def _grown(cut: _Cut, error: float) -> Iterator[tuple[Hull, float]]:
+    """Yield hulls that stick out by no more than an error, and what share is covered by now."""
+    shell, covered = cut.shell(error), np.zeros(len(cut.corners), bool)
+    everything = cut.corners.reshape(-1, 3)
+    while not covered.all():
+        start = _start(cut, covered)
+        left = start.rows[~covered[start.rows]]
+        for count in range(AGAIN):
+            nearer = [cut.shell(LEVEL**count * error)] if count else []
+            looked_at = np.concatenate([shell, *nearer])
+            hull = _piece(cut, _Group(cut, left, start.leaf), covered, looked_at)
+            beyond = cut.beyond(hull, error)
+            if not len(beyond):
+                break
+            shell = np.concatenate([shell, beyond])
+        inside = np.zeros(len(everything), bool)
+        inside[hull.rows(everything, THINNED * error)] = True
+        covered |= inside.reshape(-1, 4).all(axis=1)
+        covered[left] = True
+        yield hull, float(covered.mean())
+
+
+def _start(cut: _Cut, covered: Mask) -> _Group:
+    """Return the group that is not covered whose neighbours are most; at first an outer one."""
+    if not covered.any():
+        return max(cut.groups, key=lambda group: float(np.linalg.norm(group.middle)))
+    done = np.array([covered[group.rows].all() for group in cut.groups])
+    share = [float(done[list(around)].mean()) if around else 1.0 for around in cut.neighbours]
+    return cut.groups[max(np.flatnonzero(~done).tolist(), key=lambda row: share[row])]
+
+
+def _piece(cut: _Cut, start: _Group, covered: Mask, shell: FloatArray) -> Hull:
+    """Let a hull grow from a group over those that are not covered, the nearest first."""
+    hull, count = Hull.of(start.corners), itertools.count()
+    waiting: list[tuple[float, int, _Group]] = []
+    seen: set[int] = set()
+
+    def wait(group: _Group) -> None:
+        away = float(np.linalg.norm(group.middle - start.middle))
+        heapq.heappush(waiting, (away, next(count), group))
+
+    def wait_round(leaf: int) -> None:
+        for other in sorted(cut.neighbours[leaf] | {leaf}):
+            if other not in seen:
+                seen.add(other)
+                wait(cut.groups[other])
+
+    wait_round(start.leaf)
+    while waiting:
+        group = heapq.heappop(waiting)[2]
+        done = covered[group.rows]
+        if done.all() or len(hull.rows(group.corners, ROUNDING)) == len(group.corners):
+            wait_round(group.leaf)
+            continue
+        finer = group.depth < TRIED_HALVINGS and len(group.rows) >= FEWEST
+        if not (finer and done.any()):
+            larger = Hull.of(np.concatenate([hull.points, group.corners]))
+            if not len(larger.rows(shell)):
+                hull = larger
+                wait_round(group.leaf)
+                continue
+        for half in group.halves if finer else ():
+            wait(half)
+    return hull
+
+
+def _measured(cut: _Cut, hulls: list[Hull], middle: FloatArray, scale: float) -> ConvexPieces:
+    """Put pieces in order and measure how near they are."""
+    hulls = sorted(hulls, key=lambda hull: -hull.volume)
+    counts, triangles = [len(hull.points) for hull in hulls], [len(hull.faces) for hull in hulls]
+    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    points = np.concatenate([hull.points for hull in hulls])
+    faces = np.concatenate([hull.faces + begin for hull, begin in zip(hulls, first, strict=True)])
+    faces = faces.astype(np.int32)
+    numbers = np.arange(len(hulls), dtype=np.int32)
+    free = cut.corners[:, :3].reshape(-1, 3)
+    for hull in hulls:
+        free = np.delete(free, hull.rows(free, ROUNDING), axis=0)
+    gaps = NearestTree.of_triangles(points, faces).distances(free)[0]
+    return ConvexPieces(
+        scale * points + middle,
+        faces,
+        np.repeat(numbers, counts),
+        np.repeat(numbers, triangles),
+        scale * _sticking_out(cut, hulls),
+        scale * float(gaps.max(initial=0.0)),
+        _volume(hulls) / enclosed_volume(cut.solid.points, cut.solid.faces),
+    )
+
+
+def _sticking_out(cut: _Cut, hulls: list[Hull]) -> float:
+    """Return how far hulls stick out of the solid at places on them, and of a grid in them."""
+    grid, away = cut.grid
+    inside = np.unique(np.concatenate([hull.rows(grid) for hull in hulls]))
+    places = np.concatenate([hull.places for hull in hulls])
+    on_hulls = cut.tree.distances(places[~cut.solid.contains(places)])[0]
+    return float(max(away[inside].max(initial=0.0), on_hulls.max(initial=0.0)))
+
+
+def _volume(hulls: list[Hull]) -> float:
+    """Return the volume of the union of hulls."""
+    low = np.min([hull.bounds[0] for hull in hulls], axis=0)
+    high = np.max([hull.bounds[1] for hull in hulls], axis=0)
+    steps = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])
+    places = low + (np.arange(1, IN_UNION + 1)[:, None] * steps % 1.0) * (high - low)
+    held = np.zeros(IN_UNION, bool)
+    for hull in hulls:
+        held[hull.rows(places)] = True
+    return float(held.mean() * np.prod(high - low))

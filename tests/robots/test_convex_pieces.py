@@ -1,0 +1,230 @@
+"""Convex pieces: known holes and windows stay open, the solid is held, engines read the files."""
+
+import json
+import struct
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+import medialis
+from medialis.formats.meshes import read_mesh
+from medialis.robots.convex_pieces import Hull, thinned
+
+ERROR = 0.04
+
+
+def prism(outlines, height):
+    """A wall between two outlines of equally many corners, from 0 to a height."""
+    outer, inner = outlines
+    count = len(outer)
+    rings = [(inner, 0), (outer, 0), (outer, height), (inner, height)]
+    points = np.concatenate([np.column_stack([ring, np.full(count, z)]) for ring, z in rings])
+    i = np.arange(count)
+    j, faces = (i + 1) % count, []
+    for k in range(4):
+        a, b = k * count, (k + 1) % 4 * count
+        faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
+    return points, np.concatenate(faces)
+
+
+def circle(radius, count):
+    turn = 2 * np.pi * np.arange(count) / count
+    return radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def square(wide, deep):
+    return np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * [wide, deep]
+
+
+def cup(radius, height, wall, count):
+    """A cup whose floor is as thick as its wall."""
+    profile = [(radius, 0), (radius, height), (radius - wall, height), (radius - wall, wall)]
+    rings = [np.column_stack([circle(r, count), np.full(count, z)]) for r, z in profile]
+    points = np.concatenate([*rings, [[0, 0, 0], [0, 0, wall]]])
+    i = np.arange(count)
+    j, faces, low = (i + 1) % count, [], 4 * count
+    for a in (0, count, 2 * count):
+        b = a + count
+        faces += [np.stack([a + i, a + j, b + j], 1), np.stack([a + i, b + j, b + i], 1)]
+    faces += [np.stack([j, i, np.full(count, low)], 1)]
+    faces += [np.stack([3 * count + i, 3 * count + j, np.full(count, low + 1)], 1)]
+    return points, np.concatenate(faces)
+
+
+def outline_distance(points):
+    """Distance of the origin from the convex outline of points (k, 2) round which it lies."""
+    return float(ConvexHull(points).equations[:, 2].max())
+
+
+def turned(points, unit):
+    """Points somewhere else, in another unit; and the way back."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix()
+    return unit * points @ turn.T + 3 * unit, lambda moved: (moved - 3 * unit) @ turn / unit
+
+
+def check(found, diagonal, error=ERROR):
+    """What holds for all: convex pieces, near the surface, each closed and outward."""
+    assert found.pieces_to_surface <= error * diagonal
+    assert found.surface_to_pieces <= 0.5 * error * diagonal
+    for number in range(len(found)):
+        points, faces = found.piece(number)
+        corners = points[faces]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        below = np.einsum("fk,pfk->pf", normals, points[:, None] - corners[:, 0])
+        assert below.max() <= 1e-9 * diagonal**3
+        sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), 1)
+        assert (np.unique(sides, axis=0, return_counts=True)[1] == 2).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("inner", "height", "unit"), [(0.8, 1.0, 1.0), (0.4, 0.5, 1000.0)])
+def test_a_hollow_cylinder_keeps_its_hole(inner, height, unit):
+    """No piece comes nearer to the axis than the polygon of the hole, but for the error."""
+    points, faces = prism((circle(1.0, 24), circle(inner, 24)), height)
+    placed, back = turned(points, unit)
+    shape = medialis.make_shape(placed, faces)
+    found = medialis.convex_pieces(shape, error=ERROR)
+    check(found, shape.diagonal)
+    apothem = inner * np.cos(np.pi / 24)
+    for number in range(len(found)):
+        away = outline_distance(back(found.piece(number)[0])[:, :2])
+        assert away >= apothem - ERROR * shape.diagonal / unit
+    assert 3 <= len(found) <= 12
+
+
+@pytest.mark.slow
+def test_a_wall_with_a_window_keeps_it():
+    """No place of the window farther than the error from its frame lies in a piece."""
+    points, faces = prism((square(1.0, 0.7), square(0.6, 0.35)), 0.1)
+    shape = medialis.make_shape(points, faces)
+    found = medialis.convex_pieces(shape, error=ERROR)
+    check(found, shape.diagonal)
+    free = np.array([0.6, 0.35]) - ERROR * shape.diagonal
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-1, 1, (4000, 3)) * [*free, 0.05] + [0, 0, 0.05]
+    for number in range(len(found)):
+        assert not len(Hull.of(found.piece(number)[0]).rows(places))
+    assert 4 <= len(found) <= 8  # four bars
+
+
+@pytest.mark.slow
+def test_what_is_convex_is_one_piece():
+    points = np.array([[x, y, z] for x in (0, 3) for y in (0, 2) for z in (0, 1)], float)
+    shape = medialis.make_shape(points, Hull.of(points).faces)
+    found = medialis.convex_pieces(shape)
+    assert len(found) == 1 and found.volume_ratio == pytest.approx(1.0, abs=0.01)
+    assert found.pieces_to_surface <= 1e-9 and found.surface_to_pieces <= 1e-9
+
+
+@pytest.mark.slow
+def test_one_piece_is_the_hull_and_is_warned_of():
+    points, faces = prism((circle(1.0, 12), circle(0.7, 12)), 0.5)
+    progress = medialis.Progress()
+    shape = medialis.make_shape(points, faces)
+    found = medialis.convex_pieces(shape, pieces=1, error=0.1, progress=progress)
+    assert len(found) == 1
+    assert [m.code for m in progress.messages if m.code == "more_pieces"]
+    assert found.pieces_to_surface > 0.5  # the middle of the hole is 0.68 away
+
+
+def test_points_left_out_of_a_hull_lie_near_it():
+    points = np.random.default_rng(0).normal(size=(2000, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    few = thinned(points, 0.05)
+    planes = Hull.of(few).planes
+    out = (points @ planes[:, :3].T + planes[:, 3]).max()
+    assert len(few) < 200 and out <= 0.05
+
+
+def test_a_cloud_is_refused():
+    cloud = medialis.Shape(np.random.default_rng(0).normal(size=(50, 3)), np.zeros((50, 3)))
+    with pytest.raises(medialis.InvalidShapeError, match="point cloud"):
+        medialis.convex_pieces(cloud)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The files of a cup, in millimetres."""
+    folder = tmp_path_factory.mktemp("cup") / "out"
+    points, faces = cup(100.0, 150.0, 20.0, 16)
+    shape = medialis.make_shape(points, faces, unit="mm")
+    result = medialis.run("convex_pieces", shape, error=0.05)
+    pictures = medialis.Pictures(main=False)
+    manifest = medialis.write_result(result, folder, pictures=pictures)
+    return result, folder, manifest
+
+
+@pytest.mark.slow
+def test_each_file_has_each_piece_in_metres(written):
+    result, folder, manifest = written
+    layer, count = result.layers[0], result.values["pieces"]
+    assert 2 <= count == len(np.unique(layer.face_attributes["piece"]))
+    robot = ElementTree.parse(folder / "convex_pieces.urdf").getroot()
+    files = [mesh.get("filename") for mesh in robot.findall("link/collision/geometry/mesh")]
+    assert len(files) == count and {str(folder / name) for name in files} < set(manifest["files"])
+    for number, name in enumerate(files):
+        mesh = read_mesh(folder / name)
+        own = layer.points[layer.attributes["piece"] == number]
+        assert np.allclose(mesh.points, own / 1000.0, rtol=0, atol=1e-12)
+    text = (folder / "convex_pieces.obj").read_text()
+    assert text.count("\no piece_") == count and text.startswith("# lengths in mm")
+    data = (folder / "convex_pieces.glb").read_bytes()
+    scene = json.loads(data[20 : 20 + struct.unpack("<I", data[12:16])[0]])
+    assert len(scene["nodes"]) == len(scene["meshes"]) == count
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # trimesh's, of its own functions
+def test_yourdfpy_reads_the_urdf(written):
+    yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed")
+    result, folder, _ = written
+    robot = yourdfpy.URDF.load(
+        str(folder / "convex_pieces.urdf"), build_collision_scene_graph=True,
+        load_collision_meshes=True, build_scene_graph=False, load_meshes=False,
+    )  # fmt: skip
+    bounds = np.array(robot.collision_scene.bounds)
+    assert np.allclose(bounds[1], [0.1, 0.1, 0.15], atol=0.01)
+    meshes = robot.collision_scene.geometry.values()  # it may join them
+    assert sum(len(mesh.vertices) for mesh in meshes) == len(result.layers[0].points)
+
+
+BALL = """<mujoco><option gravity="0 0 -9.81" timestep="0.002"/>{asset}<worldbody>{body}
+<geom type="plane" size="5 5 0.1" pos="0 0 -1"/>
+<body pos="0 0 {height}"><freejoint/><geom type="sphere" size="{radius}" mass="0.1"/></body>
+</worldbody></mujoco>"""
+
+
+def dropped(folder, radius, height, seconds=1.5):
+    """Height of a ball in MuJoCo after it fell into what a folder holds, over a plane at -1."""
+    mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed")
+    root = ElementTree.parse(folder / "convex_pieces.xml").getroot()
+    names = ("asset", "worldbody/body")
+    asset, body = (ElementTree.tostring(root.find(name), "unicode") for name in names)
+    text = BALL.format(asset=asset, body=body, radius=radius, height=height)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    while data.time < seconds:
+        mujoco.mj_step(model, data)
+    return float(data.qpos[2])
+
+
+@pytest.mark.slow
+def test_in_mujoco_a_ball_rests_on_the_floor_of_a_cup(written):
+    """The floor is at 0.02 m; the ball of 0.04 m fits into the cup of 0.08 m."""
+    height = dropped(written[1], 0.04, 0.3)
+    assert height == pytest.approx(0.06, abs=0.05 * 0.32)
+
+
+@pytest.mark.slow
+def test_in_mujoco_a_ball_falls_through_a_hole(tmp_path):
+    points, faces = prism((circle(0.1, 24), circle(0.07, 24)), 0.1)
+    shape = medialis.make_shape(points, faces, unit="m")
+    result = medialis.run("convex_pieces", shape, error=ERROR)
+    medialis.write_result(result, tmp_path / "out", pictures=medialis.Pictures(main=False))
+    hole = 0.07 * np.cos(np.pi / 24) - ERROR * result.shape.diagonal
+    height = dropped(tmp_path / "out", 0.95 * hole, 0.3)
+    assert height == pytest.approx(-1.0 + 0.95 * hole, abs=0.01)
