@@ -8,9 +8,8 @@ from medialis.base.progress import Progress
 from medialis.medial_meshes.envelope import Envelope, primitives_of
 from medialis.medial_meshes.fine_complex import fine_complex
 from medialis.medial_meshes.fitting import BALLS_A_LISTED, Bounds, Fit, Target, _Follower
-from medialis.medial_meshes.hollows import Hollows
 from medialis.medial_meshes.mesh import Complex
-from medialis.medial_meshes.refining import Fault, refined
+from medialis.medial_meshes.refining import Fault, Hollows, refined
 from medialis.medial_meshes.sampling import Solid
 
 

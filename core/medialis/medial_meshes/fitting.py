@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Index, Mask
 from medialis.base.progress import Progress
 from medialis.base.threads import run_together
 from medialis.base.validation import FloatArray, frozen
@@ -49,6 +49,9 @@ BEYOND = 0.05  # halved 100 %, doubled 0 %
 SPARSE, MARGIN = 0.02, 0.003  # halved 70 %, doubled 18 %; halved 0 %, doubled 0 %
 """Diagonals: no point of the surface is farther from others than half of the first; the list of
 points of a ball reaches farther than the ball by the second."""
+
+NEXT_TO = 0.005
+"""Diagonals from the surface up to which it is looked up on which side a center is."""
 
 LISTED_POINTS = 12  # halved 21 %, doubled 100 %
 """Points of the surface that a ball keeps in its list."""
@@ -179,12 +182,19 @@ def look_up(*lookups: Lookup[Any]) -> None:
 class Bounds:
     """Points of a surface, (c, 3), with normals: what balls must not stick out of.
 
-    They are in the order of their tree: what is near in space is near in memory.
+    They are in the order of their tree: what is near in space is near in memory. `contains`, where
+    given, tells exactly which places are inside.
     """
 
-    def __init__(self, points: FloatArray, normals: FloatArray) -> None:
+    def __init__(
+        self,
+        points: FloatArray,
+        normals: FloatArray,
+        contains: Callable[[FloatArray], Mask] | None = None,
+    ) -> None:
         from medialis.medial_meshes._envelope_kernels import SurfacePoints
 
+        self._contains = contains
         self._order, bounds, depth = box_tree(points[:, None])
         self.points = frozen(points[self._order], np.float64)
         normals = frozen(normals[self._order], np.float64)
@@ -198,6 +208,28 @@ class Bounds:
         given = frozen(places, np.float64), self._surface, near, far
         look_up(Lookup(lambda begin, end: nearest_points(begin, end, *given), len(places), near))
         return far[:, 0], self._order[near[:, 0]]
+
+    def sure(
+        self, balls: FloatArray, over: FloatArray, near: Index
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return by how much balls stick out, (q,), and the places of the surface, (q, 3).
+
+        Next to the surface the nearest point is beside the nearest place, and there, and at folds,
+        its normal may be wrong on which side a center is. The place is in its plane, where that is
+        on the right side, else it is the point.
+        """
+        places, depth = self.points[near], over + balls[:, 3]
+        unsure = np.flatnonzero(depth < NEXT_TO)
+        if self._contains is None or len(unsure) == 0:
+            return over, places
+        centers, normals = balls[unsure, :3], self._surface.normals[near[unsure]]
+        sign = np.where(self._contains(centers), 1.0, -1.0)
+        height = np.einsum("ij,ij->i", places[unsure] - centers, normals)
+        plain = (height * sign > 0) & (np.abs(height) < NEXT_TO)
+        result, far = over.copy(), np.where(plain, height, sign * np.abs(depth[unsure]))
+        result[unsure] = np.minimum(far - balls[unsure, 3], 0.0)
+        places[unsure[plain]] = (centers + height[:, None] * normals)[plain]
+        return result, places
 
     def overshoot(self, balls: FloatArray, known: Overshoot | None = None) -> Lookup[Overshoot]:
         """Look up by how much balls (q, 4) stick out; `known` was found before they moved.
@@ -292,8 +324,8 @@ class Residuals:
     """(o,) depth minus radius, negative."""
     over_at: Index
     """Rows of the lattice."""
-    near: Index
-    """Nearest points of the surface."""
+    places: FloatArray
+    """(o, 3) where the surface is nearest."""
 
     @property
     def largest(self) -> float:
@@ -361,7 +393,8 @@ class Fit:
         envelope = Envelope(balls, self.rows, self._tree)
         self._tree = envelope.tree
         near = self._follower.distances(envelope)
-        out_of = self.target.bounds.overshoot(self.between(balls), self._known)
+        between = self.between(balls)
+        out_of = self.target.bounds.overshoot(between, self._known)
         look_up(near, out_of)
         distance, row, shares = near.result
         found = self._known = out_of.result
@@ -369,8 +402,9 @@ class Fit:
         within = self.target.within
         inner[:] = within[:, 4] * np.maximum(inner + within[:, 3], 0.0)
         out = np.flatnonzero(found.over < 0)
+        over, places = self.target.bounds.sure(between[out], found.over[out], found.near[out])
         samples = len(self.target.rows)
-        return Residuals(samples, distance, row, shares, found.over[out], out, found.near[out])
+        return Residuals(samples, distance, row, shares, over, out, places)
 
     def run(self, plan: tuple[tuple[float, int], ...]) -> Fit:
         """Fit with some (power, steps) after each other."""
@@ -434,8 +468,9 @@ class Fit:
         samples = Points(target.places, signs, now.distance, now.row, now.shares, sample_weights)
         radii = self.between(balls, at)[:, 3]
         signs = np.where(now.over + radii < 0, -1.0, 1.0)  # the nearest sample is inside, or not
-        deep = target.bounds.points[now.near]
-        out = Points(deep, signs, now.over, self.lattice_row[at], self.lattice[at], over_weights)
+        out = Points(
+            now.places, signs, now.over, self.lattice_row[at], self.lattice[at], over_weights
+        )
         given = frozen(balls, np.float64), self.rows, self.equations.row_edges
         sums = self.equations.cleared()
         add_rows(samples, *given, sums)

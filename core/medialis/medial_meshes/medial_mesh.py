@@ -24,13 +24,13 @@ from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
 from medialis.medial_meshes.fins import creased, finless, is_round, on_reflex_edges, useful
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target, Watched
-from medialis.medial_meshes.hollows import Hollows
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
 from medialis.medial_meshes.polyhedra.parting import Structure, structure_of
 from medialis.medial_meshes.refining import (
     APART,
     NEARLY_WORST,
     Fault,
+    Hollows,
     faults_of,
     refined,
     refined_at_once,
@@ -89,8 +89,8 @@ the same mesh, and put where the fit is worst."""
 MORE = 5  # halved 0 %, doubled 0 %
 """Pairs of shares that `best` tries after the first, one after the other."""
 
-LAST, STALE = 6, 2
-"""How often the last fit is made, and how often without getting nearer."""
+LAST, STALE, GAIN = 6, 2, 0.99
+"""How often the last fit is made, and how often without lowering the error below this share."""
 
 WORST = 600  # halved 43 %, doubled 43 %
 """Places beside the samples that join the fit in the end, where the error is large there."""
@@ -303,7 +303,7 @@ class Search:
         for k in range(LAST):
             fit = Fit(now.mesh, now.target, DAMPING, self._still, now.watched)
             now = self._look(fit.run(PLANS["last" if k else "close"]))
-            since = 0 if now.error < best.error else since + 1
+            since = 0 if now.error < GAIN * best.error else since + 1
             best = min(best, now, key=lambda one: one.error)
             if since == STALE:
                 break
@@ -501,7 +501,9 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
             planes = planes_of(samples, fine.balls, fine.pole, roof, touched, hold)
             sequence, bounds = run_together(
                 lambda: collapse(start, planes, least, whole=whole),
-                lambda: Bounds(samples.points, samples.normals),  # in order for the fits
+                lambda: Bounds(
+                    samples.points, samples.normals, solid.contains
+                ),  # in order for fits
             )
             return Base(solid, fine, sequence, bounds, roof)
 
