@@ -316,7 +316,7 @@ TABLE: dict[str, str] = {
     "Per cent of the diagonal of the bounding box": "バウンディングボックスの対角線に対するパーセント",
     "physics": "物理",
     "Pieces": "ピース数",
-    "Pieces stick out of the shape by no more than this: holes and gaps that are wider than twice this stay open": "ピースはこれを超えて形状からはみ出しません。この2倍より広い穴や隙間は開いたままです",
+    "Pieces stick out of the shape by no more than this: holes and gaps that are wider than twice this stay open": "ピースはこれを超えて形状からはみ出しません。この倍より広い穴や隙間は開いたままです",
     "Pixels along each side": "各辺のピクセル数",
     "Places are in one part where at least this share of people is expected to put them there: more makes more parts. For the method auto": "少なくともこの割合の人が同じパーツに入れると予想される場所は、一つのパーツになります: 大きいほどパーツが増えます。方式が自動の場合",
     "Plain": "標準",
