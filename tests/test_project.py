@@ -104,3 +104,23 @@ def test_a_release_has_what_its_jobs_upload():
     assert {name + "*" * name.endswith("-") for name in uploaded} == named
     taken = re.findall(r"download-artifact@\S+\s+with:\s+(?:name|pattern): (\S+)\n", text)
     assert set(taken) == named and taken.count("wheels-*") == 2
+
+
+def test_the_conda_recipe_asks_for_what_the_package_does():
+    text = (ROOT / "core/packaging/conda/recipe.yaml").read_text("utf-8")
+    assert f'version: "{PROJECT["version"]}"' in text and "medialis-${{ version }}.tar.gz" in text
+    run = re.search(r"  run:\n((?:    - .*\n)+)", text)[1]
+    asked = {line.strip("- \n").replace(" ", "", 1) for line in run.splitlines()[1:]}
+    assert asked == {one.replace(" ", "") for one in PROJECT["dependencies"]}
+    files = re.search(r"license_file:\n((?:    - .*\n)+)", text)[1].split()
+    assert [one for one in files if one != "-"] == PROJECT["license-files"]
+    assert all((ROOT / one).is_file() for one in PROJECT["license-files"])
+
+
+@whole
+def test_what_is_uploaded_is_signed():
+    text = (GITHUB / "workflows" / "release.yml").read_text("utf-8")
+    publish = text[text.index("  publish:") : text.index("  announce:")]
+    assert "attestations: write" in publish and "id-token: write" in publish
+    signed, uploaded = (publish.index(one) for one in ("attest-build-provenance", "pypi-publish"))
+    assert signed < uploaded and "dist/*" in publish and "zips/*.zip" in publish

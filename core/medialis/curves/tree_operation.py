@@ -244,9 +244,13 @@ OPERATION = Operation(
         Format("branches.csv", write_branches, "cylinders"),
     ),
     examples=(
-        ("creature.ply", "cylinders along body and limbs, as tables for TreeQSM and rTwig"),
-        ("creature.ply -o tapering --taper", "the same, never thicker further out"),
+        (
+            "tree.ply --unit m",
+            "cylinders from a root to the twigs, as tables for TreeQSM and rTwig",
+        ),
+        ("tree.ply -o tapering --taper", "the same, never thicker further out"),
     ),
+    sample="tree",
     layers={
         "tree_cylinders": "the middles of the cylinders with radius, order and branch",
         "samples": "the surface as computed on",

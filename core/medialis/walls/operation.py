@@ -638,8 +638,8 @@ WALL_CHECK = Operation(
         ("bracket.ply --unit in --minimum 1.5mm --maximum 4mm", "walls outside of 1.5 to 4 mm"),
         ("bracket.ply --unit in --process FDM -o print", "for a printer, its lines as well"),
         (
-            "bracket.ply --unit in --material ABS --gap 0.8mm -o abs",
-            "what is usual for ABS, and gaps",
+            "bracket.ply --unit in --material ABS -o abs",
+            "what is usual for ABS",
         ),
     ),
     layers={
