@@ -10,7 +10,6 @@ from medialis.base.progress import Progress
 from medialis.curves import limb_sampling
 from medialis.curves._limb_kernels import first_hit
 from medialis.curves.finishing import _small
-from medialis.curves.from_balls import size_share
 from medialis.curves.limb_sampling import (
     EDGES_A_RADIUS,
     _longest_sides,
@@ -18,6 +17,7 @@ from medialis.curves.limb_sampling import (
     limb_radii,
     with_limbs_sampled,
 )
+from medialis.skeleton.sizes import size_share
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0], [0.48, 0.64, 0.6]])
 

@@ -145,3 +145,16 @@ def test_angles_and_reversed_maps():
     with pytest.raises(medialis.InvalidOptionError, match="turn"):
         angle.check("wide")
     assert (color_table("diverging_reversed") == color_table("diverging")[::-1]).all()
+
+
+def test_a_turned_shape_is_as_thick():
+    """The diagonal of its box turns with it by a fifth, the lengths of the run do not."""
+    shape = medialis.organic_shape(56)
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    turn[:, 0] *= np.linalg.det(turn)
+    other = medialis.make_shape(shape.points @ turn.T, shape.faces)
+    assert abs(other.diagonal / shape.diagonal - 1) > 0.03
+    runs = [medialis.run("thickness", one) for one in (shape, other)]
+    assert runs[0].values["samples"] == runs[1].values["samples"]
+    before, after = (run.layers[0].attributes["thickness"] for run in runs)
+    assert np.quantile(np.abs(after / before - 1), 0.99) < 0.01

@@ -18,7 +18,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,6 +43,7 @@ from medialis.curves.persistence import measured_persistence
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, MedialCloud, ShrinkOptions, shrink
+from medialis.skeleton.sizes import turning
 from medialis.skeleton.surface_skeleton import (
     Preparation,
     SurfaceSkeletonOptions,
@@ -77,15 +78,6 @@ MOST_SAMPLES = 100_000  # halved 0 %, doubled 0 %
 
 MOST_GROWTH = 8  # halved 0 %, doubled 0 %
 """Times as many samples as before there may be, if that is more."""
-
-
-TURNING = ("refine", "tolerance", "threshold", "candidates")
-"""Options that are lengths."""
-
-SPREADS = 4.0  # halved 100 %, doubled 100 %
-"""Times the spread of its area that a shape is large: its diagonal, as the mean of real shapes."""
-
-Turning = TypeVar("Turning", bound=Options)
 
 
 def put_in_surface(
@@ -232,7 +224,7 @@ def curve_skeleton(
     _require_whole_cloud(cloud)
     cloud = cloud.own
     surface = cloud.surface
-    options = turning(surface, options, progress)
+    options = turning(surface, options, progress, CurveSkeletonOptions)
     share = options.candidates
     ground = kept(_ground, cloud, share, lambda: _ground(cloud, share, progress), progress)
     with progress.stage("reconstruct", 0.8, 1.0):
@@ -368,34 +360,6 @@ def _across_creases(cloud: MedialCloud) -> Index:
     return pairs[(pairs != edges).any(axis=1) & (pairs[:, 0] != pairs[:, 1]) & (pairs[:, 0] >= 0)]
 
 
-def turning(shape: Shape, options: Turning, progress: Progress) -> Turning:
-    """Take lengths as shares of a size that turns with the shape, where no one asked for others.
-
-    Lengths that are no defaults stay shares of the diagonal.
-    """
-    declared = *SurfaceSkeletonOptions.parameters(), *CurveSkeletonOptions.parameters()
-    known = {p.name: p.default for p in declared if p.name in TURNING}
-    names = [p.name for p in options.parameters() if p.name in known]
-    usual = [name for name in names if getattr(options, name) == known[name]]
-    if not usual:
-        return options
-    share = run_patiently(lambda: size_share(shape), progress)
-    return replace(options, **{name: share * known[name] for name in usual})
-
-
-def size_share(shape: Shape) -> float:
-    """Return a size of a shape that no turn changes, in diagonals of its box.
-
-    It is a multiple of the spread of its area: of the root mean square distance from its middle.
-    """
-    area = shape.point_areas
-    if not area.sum() > 0.0 or not shape.diagonal > 0.0:
-        return 1.0
-    points, weights = (shape.points - shape.bounds[0]) / shape.diagonal, area / area.sum()
-    square = ((points - weights @ points) ** 2).sum(axis=1)
-    return SPREADS * float(np.sqrt(weights @ square))
-
-
 def limb_balls(shape: Shape, options: Options, progress: Progress) -> tuple[MedialCloud, float]:
     """Return the balls of a mesh whose limbs have enough samples, and their tolerance."""
     sampled = functools.partial(with_limbs_sampled, progress=progress)
@@ -419,7 +383,7 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
     CurveSkeleton
         The first one with all loops, else that with the most.
     """
-    options = turning(shape, options, progress)
+    options = turning(shape, options, progress, CurveSkeletonOptions)
     with progress.stage("skeleton", 0.0, 0.2):
         cloud, tolerance = limb_balls(shape, options, progress)
         surface = cloud.surface

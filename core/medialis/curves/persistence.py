@@ -26,8 +26,8 @@ def measured_persistence(
     """
     surface, node = measured.cloud.surface, np.asarray(graph.vertex_node)
     known = np.flatnonzero(node >= 0)
-    hangs = np.bincount(node[known], surface.point_areas[known], len(graph.nodes))
-    areas = hangs.astype(np.float64)
+    hangs = np.bincount(node[known], surface.point_areas[known], minlength=len(graph.nodes))
+    areas: FloatArray = hangs.astype(np.float64)
     widths = np.full(len(graph.nodes), np.inf)
     if len(candidates):
         near = kd_tree(measured.cloud.centers[candidates]).query(graph.nodes)[1]

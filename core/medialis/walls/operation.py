@@ -36,6 +36,7 @@ from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import cloud_arrays, summary, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.sizes import turning
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
 from medialis.walls.rules import MATERIALS, NONE, PROCESSES, Rules, process_help, rules_of
 from medialis.walls.thickness import thickness, unresolved_walls, wall_balls
@@ -82,7 +83,8 @@ class ThicknessRun(ThinSpotOptions, Preparation):
 def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, measure, complete, list the thinnest places."""
     with progress.stage("skeleton", 0.0, 0.7):
-        cloud = surface_skeleton.of(shape, options, progress)
+        sized = turning(shape, options, progress, ThicknessRun)
+        cloud = surface_skeleton.of(shape, sized, progress)
     fine = cloud.surface
     # A length means the shape that was given; smooth refinement may bulge out of its box.
     same = options.threshold * shape.diagonal / fine.diagonal
