@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 import medialis
 from medialis.base.arrays import EdgeTable
-from medialis.shape.surface import Surface, Topology, piece_labels
+from medialis.shape.surface import Surface, Topology, link_matrix, linked_rows, piece_labels
 
 
 @pytest.mark.parametrize("links", [0, 1, 40, 90, 400])
@@ -21,6 +21,15 @@ def test_pieces_are_those_of_a_graph_library_numbered_by_their_lowest_node(links
     assert np.array_equal(labels, connected_components(graph, directed=False)[1])
     _, first = np.unique(labels, return_index=True)
     assert (np.diff(first) > 0).all()
+
+
+@pytest.mark.parametrize("links", [0, 1, 40, 400])
+def test_links_are_those_of_a_sparse_matrix(links):
+    pairs = np.random.default_rng(links).integers(0, 30, (links, 2))
+    first, neighbours, times = linked_rows(31, pairs)
+    matrix = link_matrix(31, pairs)
+    assert np.array_equal(first, matrix.indptr) and np.array_equal(neighbours, matrix.indices)
+    assert np.array_equal(times, matrix.data)
 
 
 def _random_faces(count: int, seed: int) -> np.ndarray:

@@ -195,6 +195,45 @@ def drop_repeats(offsets, neighbours):
 
 
 @kernel
+def link_rows(links, out_first, out_neighbours, out_times):
+    """Neighbours of each node that links (e, 2) join, ascending, and how often each is one.
+
+    `out_first` (n + 1,) is 0, and becomes where the neighbours of each node start; returns how many
+    there are. A counting sort by the neighbour, then by the node.
+    """
+    count = len(out_first) - 1
+    start, nodes = np.zeros(count + 1, np.int64), np.empty(2 * len(links), np.int32)
+    for e in range(len(links)):
+        start[links[e, 0] + 1] += 1
+        start[links[e, 1] + 1] += 1
+    for v in range(count):
+        start[v + 1] += start[v]
+    place = start.copy()
+    for e in range(len(links)):
+        a, b = links[e, 0], links[e, 1]
+        nodes[place[b]] = a
+        place[b] += 1
+        nodes[place[a]] = b
+        place[a] += 1
+    place[:] = start
+    every = np.empty(2 * len(links), np.int32)
+    for v in range(count):
+        for at in range(start[v], start[v + 1]):
+            every[place[nodes[at]]] = v
+            place[nodes[at]] += 1
+    filled = 0
+    for v in range(count):
+        for at in range(start[v], start[v + 1]):
+            if at > start[v] and every[at] == every[at - 1]:
+                out_times[filled - 1] += 1
+                continue
+            out_neighbours[filled], out_times[filled] = every[at], 1
+            filled += 1
+        out_first[v + 1] = filled
+    return filled
+
+
+@kernel
 def _apart(points, v, w):
     """Distance of two points."""
     x, y, z = points[v, 0] - points[w, 0], points[v, 1] - points[w, 1], points[v, 2] - points[w, 2]
@@ -452,11 +491,6 @@ def zip_strips(points, ring, first, below, out_faces):
 
 
 @kernel
-def _straddles(a, b, c):
-    return not ((a > 0.0 and b > 0.0 and c > 0.0) or (a < 0.0 and b < 0.0 and c < 0.0))
-
-
-@kernel
 def _cross(corners, axis, out_counts):
     """Count a face for the two rays from the origin along an axis, where it meets one of them."""
     u, v = (axis + 1) % 3, (axis + 2) % 3
@@ -474,18 +508,45 @@ def _cross(corners, axis, out_counts):
 
 
 @kernel
-def count_crossings(points, faces, place, corners, out_counts):
+def bound_faces(points, faces, out_bounds):
+    """Write the least and the largest coordinates of each face, (6, m)."""
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        for axis in range(3):
+            x, y, z = points[a, axis], points[b, axis], points[c, axis]
+            out_bounds[axis, f] = min(min(x, y), z)
+            out_bounds[3 + axis, f] = max(max(x, y), z)
+
+
+@kernel
+def count_crossings(points, faces, bounds, place, out_counts):
     """Faces that the six rays from a place along the axes leave through, less those they enter.
 
-    `corners` (3, 3) is room.
+    A ray along an axis meets a face only where the place is within its bounds on the two others.
     """
-    for f in range(len(faces)):
-        met = 0
-        for axis in range(3):
-            for j in range(3):
-                corners[j, axis] = points[faces[f, j], axis] - place[axis]
-            if _straddles(corners[0, axis], corners[1, axis], corners[2, axis]):
-                met += 1 << axis
-        for axis in range(3):
-            if met | (1 << axis) == 7:
-                _cross(corners, axis, out_counts)
+    x, y, z, met = place[0], place[1], place[2], np.empty(1024, np.int8)
+    corners = np.empty((3, 3))
+    for begin in range(0, len(faces), len(met)):
+        end, some = min(begin + len(met), len(faces)), 0
+        for f in range(begin, end):
+            on_x = (bounds[0, f] <= x) & (x <= bounds[3, f])
+            on_y = (bounds[1, f] <= y) & (y <= bounds[4, f])
+            on_z = (bounds[2, f] <= z) & (z <= bounds[5, f])
+            two = (on_x & on_y) | (on_y & on_z) | (on_z & on_x)
+            met[f - begin] = two
+            some += two
+        if some == 0:
+            continue
+        for f in range(begin, end):
+            if met[f - begin] == 0:
+                continue
+            for axis in range(3):
+                u, v = (axis + 1) % 3, (axis + 2) % 3
+                if (
+                    bounds[u, f] <= place[u] <= bounds[3 + u, f]
+                    and bounds[v, f] <= place[v] <= bounds[3 + v, f]
+                ):
+                    for j in range(3):
+                        for k in range(3):
+                            corners[j, k] = points[faces[f, j], k] - place[k]
+                    _cross(corners, axis, out_counts)

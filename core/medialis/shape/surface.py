@@ -482,6 +482,24 @@ def link_matrix(count: int, links: NDArray[Any]) -> Any:
     return csr_array((np.ones(2 * len(a)), (np.r_[a, b], np.r_[b, a])), shape=(count, count))
 
 
+def linked_rows(count: int, links: NDArray[Any]) -> tuple[IntArray, IntArray, IntArray]:
+    """Return where the neighbours of each node start, the neighbours, and how often each is one.
+
+    As the parts of `link_matrix`, which loads scipy.
+
+    Examples
+    --------
+    >>> [part.tolist() for part in linked_rows(3, np.array([[0, 2], [2, 1], [0, 2]]))]
+    [[0, 1, 2, 4], [2, 2, 0, 1], [2, 1, 2, 1]]
+    """
+    from medialis.shape._kernels import link_rows
+
+    first, pairs = np.zeros(count + 1, np.int32), np.ascontiguousarray(links, np.int32)
+    neighbours, times = np.empty((2, 2 * len(pairs)), np.int32)
+    filled = link_rows(pairs, first, neighbours, times)
+    return first, neighbours[:filled], times[:filled]
+
+
 @dataclass(frozen=True, eq=False)
 class SolidBoundary:
     """A closed manifold, cut from a mesh.

@@ -345,7 +345,9 @@ def content_box(image: Image, ground: Image, margin: int) -> tuple[slice, slice]
 
     All where nothing does.
     """
-    drawn = (image != ground).any(axis=2)
+    drawn = image[..., 0] != ground[0]
+    for channel in range(1, image.shape[2]):  # numpy goes along the short axis one by one
+        drawn |= image[..., channel] != ground[channel]
     box = []
     for axis in (1, 0):
         used = np.flatnonzero(drawn.any(axis=axis))

@@ -448,33 +448,119 @@ def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
 
 
 @kernel
+def _room(x, y, z, r, margin, hung, stack):
+    """Distance of the triangle nearest to a place, where that is less than r; else r."""
+    points, bounds, child, first, corners, _, hulls = hung
+    fx, fy, fz, slack = np.float32(x), np.float32(y), np.float32(z), np.float32(-margin)
+    stack[0] = 0
+    top = 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        bits = test_children(bounds[node], x, y, z, r + margin)
+        base = child[node]
+        while bits > 0:
+            j = lowest_bit(bits)
+            bits &= bits - 1
+            if base >= 0:
+                stack[top] = base + j
+                top += 1
+                continue
+            leaf = ~base + j
+            for slot in range(BLOCK * first[leaf], BLOCK * first[leaf + 1]):
+                hull, f, fr = hulls[slot // BLOCK], slot % BLOCK, np.float32(r)
+                if _is_near(hull, f, fx, fy, fz, fx, fy, fz, fr, slack, slack):
+                    a, b, c = corners[slot, 0], corners[slot, 1], corners[slot, 2]
+                    apart = nearest_place(x, y, z, points[a], points[b], points[c])[2]
+                    r = min(r, math.sqrt(apart))
+    return r
+
+
+@kernel
 def measure_room(begin, end, centers, margin, hung, radii):
     """Lower the radii begin..end to the distance of the nearest triangle, where that is less."""
-    points, bounds, child, first, corners, _, hulls = hung
     stack = np.empty(8 * 12 + 8, np.int64)
-    slack = np.float32(-margin)
     for i in range(begin, end):
-        x, y, z, r = centers[i, 0], centers[i, 1], centers[i, 2], radii[i]
-        fx, fy, fz = np.float32(x), np.float32(y), np.float32(z)
-        stack[0] = 0
-        top = 1
-        while top > 0:
-            top -= 1
-            node = stack[top]
-            bits = test_children(bounds[node], x, y, z, r + margin)
-            base = child[node]
-            while bits > 0:
-                j = lowest_bit(bits)
-                bits &= bits - 1
-                if base >= 0:
-                    stack[top] = base + j
-                    top += 1
-                    continue
-                leaf = ~base + j
-                for slot in range(BLOCK * first[leaf], BLOCK * first[leaf + 1]):
-                    hull, f, fr = hulls[slot // BLOCK], slot % BLOCK, np.float32(r)
-                    if _is_near(hull, f, fx, fy, fz, fx, fy, fz, fr, slack, slack):
-                        a, b, c = corners[slot, 0], corners[slot, 1], corners[slot, 2]
-                        apart = nearest_place(x, y, z, points[a], points[b], points[c])[2]
-                        r = min(r, math.sqrt(apart))
-        radii[i] = r
+        x, y, z = centers[i, 0], centers[i, 1], centers[i, 2]
+        radii[i] = _room(x, y, z, radii[i], margin, hung, stack)
+
+
+class Below(NamedTuple):
+    """Places and the way into the surface there, for k balls; all in units of the tree.
+
+    Attributes
+    ----------
+    places, inward : (k, 3) float64
+    cosines : (k,) float64
+        Radius of the ball at each over how deep it lies.
+    center : (3,) float64
+        Of the tree: where places in the tree are counted from.
+    """
+
+    places: NDArray[np.float64]
+    inward: NDArray[np.float64]
+    cosines: NDArray[np.float64]
+    center: NDArray[np.float64]
+
+
+@kernel
+def fit_below(begin, end, below, lengths, hung, depths):
+    """Halve the depths begin..end until balls that deep fit in, and smaller ones on the way there.
+
+    `lengths` are the margin, the least share of its radius that a ball has room for, how many
+    depths are probed, and how often one is halved at most; it is 0 where that is to be told alone:
+    then depths where nothing fits become -1.
+    """
+    margin, least, probes, halvings = lengths
+    stack = np.empty(8 * 12 + 8, np.int64)
+    for i in range(begin, end):
+        deep, cosine, turn, fits = depths[i], below.cosines[i], 0, False
+        while True:
+            fits, part = True, 1.0
+            for _ in range(probes):
+                d = deep / part
+                part *= 8.0
+                x = (below.places[i, 0] + d * below.inward[i, 0]) - below.center[0]
+                y = (below.places[i, 1] + d * below.inward[i, 1]) - below.center[1]
+                z = (below.places[i, 2] + d * below.inward[i, 2]) - below.center[2]
+                room = _room(x, y, z, d * cosine, margin, hung, stack)
+                if not room >= least * d * cosine:
+                    fits = False
+                    break
+            if fits or turn >= halvings:
+                break
+            deep /= 2.0
+            turn += 1
+        depths[i] = deep if fits or halvings > 0 else -1.0
+
+
+@kernel
+def count_blocks(place, faces, depth, out_leaf, out_first):
+    """Find the leaf that each face hangs on, that of its first corner; and where its blocks start.
+
+    `out_first` (leaves + 1,) is 0.
+    """
+    n = len(place)
+    for f in range(len(faces)):
+        lowest = min(min(place[faces[f, 0]], place[faces[f, 1]]), place[faces[f, 2]])
+        leaf = (((np.int64(lowest) + 1) << depth) + n - 1) // n - 1
+        out_leaf[f] = leaf
+        out_first[leaf + 1] += 1
+    for leaf in range(len(out_first) - 1):
+        out_first[leaf + 1] = out_first[leaf] + (out_first[leaf + 1] + BLOCK - 1) // BLOCK
+
+
+@kernel
+def fill_blocks(place, faces, leaf, first, bulges, cosines, unit, out):
+    """Lay faces into the blocks of their leaves; `out` are faces, corners and reliefs of slots."""
+    order, corners, reliefs = out
+    filled = np.zeros(len(first) - 1, np.int64)
+    order[:], corners[:], reliefs[:] = -1, -1, 0.0
+    for f in range(len(faces)):
+        slot = BLOCK * first[leaf[f]] + filled[leaf[f]]
+        filled[leaf[f]] += 1
+        order[slot] = f
+        for j in range(3):
+            corners[slot, j] = place[faces[f, j]]
+            reliefs[slot, j] = bulges[f, j] / unit
+        reliefs[slot, COSINE] = cosines[f]

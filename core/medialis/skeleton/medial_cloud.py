@@ -336,9 +336,9 @@ def _nearest(shape: Shape, rows: IntArray, count: int) -> Index:
     points = shape.points
     if len(rows) * len(points) > FEW_DISTANCES:
         return np.asarray(shape.tree.query(points[rows], k=np.arange(1, count + 1))[1])
-    near = np.empty((len(rows), count), np.int64)
+    near, columns = np.empty((len(rows), count), np.int64), np.ascontiguousarray(points.T)
     for at, row in enumerate(rows):
-        away = ((points - points[row]) ** 2).sum(axis=1)
+        away = ((columns - columns[:, [row]]) ** 2).sum(axis=0)
         near[at] = np.argpartition(away, count - 1)[:count]
     return near
 

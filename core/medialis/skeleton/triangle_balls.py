@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index, Ragged, unit_rows
+from medialis.base.arrays import Index, unit_rows
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
@@ -87,23 +87,17 @@ class Walls:
         from medialis.skeleton import _triangle_kernels as kernels
 
         shape, place = creases.shape, tree.place
-        n, depth, faces = shape.point_count, tree.depth, np.asarray(shape.faces)
-        one, two, three = place[faces].T.astype(np.int64)
-        # The leaf of the first corner of each, and the blocks of each leaf.
-        leaf = (((np.minimum(np.minimum(one, two), three) + 1) << depth) + n - 1) // n - 1
-        hung_on = Ragged.group(leaf, 1 << depth)
-        filled = -(-hung_on.lengths // kernels.BLOCK)
-        first = np.concatenate([[0], np.cumsum(filled)])
+        depth, faces = tree.depth, np.asarray(shape.faces)
+        leaf, first = np.empty(len(faces), np.int32), np.zeros((1 << depth) + 1, np.int64)
+        kernels.count_blocks(place, faces, depth, leaf, first)
         blocks = int(first[-1])
-        order = np.full(kernels.BLOCK * blocks, -1, np.int32)
-        begin = kernels.BLOCK * first[:-1] - hung_on.offsets[:-1]
-        order[np.arange(len(faces)) + np.repeat(begin, hung_on.lengths)] = hung_on.indices
-        used = order >= 0
-        corners, reliefs = np.full((len(order), 3), -1, np.int32), np.zeros((len(order), 4))
-        corners[used] = place[faces[order[used]]]
+        slots = kernels.BLOCK * blocks
+        order, corners = np.empty(slots, np.int32), np.empty((slots, 3), np.int32)
+        reliefs = np.empty((slots, 4))
         unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
-        reliefs[used, : kernels.COSINE] = creases.bulges[order[used]] / unit
-        reliefs[used, kernels.COSINE] = creases.least_cosines[order[used]]
+        bulges = creases.bulges, creases.least_cosines
+        out = order, corners, reliefs
+        kernels.fill_blocks(place, faces, leaf, first, *bulges, unit, out)
         hulls = np.empty((blocks, kernels.ROWS, kernels.BLOCK), np.float32)
         run_chunks(kernels.fill_hulls, blocks, BLOCKS_A_CHUNK, tree.points, corners, hulls)
         bounds = np.empty_like(tree.bounds)
@@ -281,15 +275,7 @@ def _fitting(
 
     In a plate thinner than the depth they would lie beyond the other side: there it is halved.
     """
-    depth = np.array(depth)
-    left = np.arange(len(depth))
-    for _ in range(MOST_HALVINGS):
-        fits = _has_room(walls, places[left], inward[left], cosine[left], depth[left])
-        left = left[~fits]
-        if len(left) == 0:
-            break
-        depth[left] /= 2
-    return depth
+    return _probed(walls, places, inward, cosine, depth, MOST_HALVINGS)
 
 
 def _has_room(
@@ -300,13 +286,26 @@ def _has_room(
     Far beyond the other side of a thin plate there is room as well, but not on the way there: at
     one of two depths one of which is eight times the other, down to a hundred-thousandth.
     """
-    fits = np.ones(len(depth), np.bool_)
-    for power in range(PROBES):
-        rows = np.flatnonzero(fits)
-        deep = depth[rows] / 8.0**power
-        room = walls.room(places[rows] + deep[:, None] * inward[rows], deep * cosine[rows])
-        fits[rows] = room >= LEAST_FIT * deep * cosine[rows]
-    return fits
+    return _probed(walls, places, inward, cosine, depth, 0) >= 0.0
+
+
+def _probed(
+    walls: Walls,
+    places: FloatArray,
+    inward: FloatArray,
+    cosine: FloatArray,
+    depth: FloatArray,
+    halvings: int,
+) -> FloatArray:
+    """Return depths (k,) halved where balls do not fit in; -1 there where none may be halved."""
+    from medialis.skeleton._triangle_kernels import Below, fit_below
+
+    lengths = shrink_options(walls.shape.diagonal, 0.0, 0.0)
+    below = Below(places / lengths.unit, inward, cosine, walls.tree.center)
+    result = np.array(depth / lengths.unit)
+    given = below, (lengths.margin, LEAST_FIT, PROBES, halvings), walls.hung, result
+    run_chunks(fit_below, len(result), SAMPLES_A_CHUNK, *given)
+    return np.where(result < 0.0, -1.0, result * lengths.unit)
 
 
 def with_edge_balls(cloud: MedialCloud, walls: Walls, tolerance: float) -> MedialCloud:

@@ -41,7 +41,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import CLOUD_NEIGHBOURS, TWICE, Enclosure
 from medialis.shape.shape import Shape
-from medialis.shape.surface import link_matrix
+from medialis.shape.surface import linked_rows
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 from medialis.walls.thickness import (
@@ -154,9 +154,9 @@ class PlaceGraph:
         from medialis.walls._kernels import Links
 
         edges = shape.edges if shape.faces is not None else _cloud_links(shape)
-        graph = link_matrix(shape.point_count, np.concatenate([edges, walls]))
-        self._times = graph.data.astype(np.int32)
-        self.links = Links(graph.indptr[:-1], graph.indptr[1:].copy(), graph.indices)
+        links = np.concatenate([edges, walls])
+        first, neighbours, self._times = linked_rows(shape.point_count, links)
+        self.links = Links(first[:-1], first[1:].copy(), neighbours)
 
     def take_out(self, walls: IntArray) -> None:
         """Take some walls out again."""

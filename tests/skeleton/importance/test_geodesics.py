@@ -455,3 +455,19 @@ def test_plane_cuts_of_a_plate_are_found_whatever_their_limits(monkeypatch):
     np.testing.assert_array_equal(found.status, free.status)
     np.testing.assert_allclose(found.length, free.length, rtol=1e-12)
     assert (free.length > 3.4 * 0.04).any()
+
+
+def test_many_pairs_on_a_mesh_put_in_order_have_the_same_paths(monkeypatch):
+    """What follows a vertex keeps its order in memory along a Z-curve, so that ties fall alike."""
+    shape = medialis.organic_shape(56)
+    turn = np.random.default_rng(2).permutation(shape.point_count)
+    place = np.argsort(turn)
+    mixed = medialis.make_shape(shape.points[turn], place[shape.faces])
+    cloud = medialis.surface_skeleton(mixed)
+    monkeypatch.setattr(geodesics, "FEW_PAIRS", np.inf)
+    plain = medialis.geodesic_importance(cloud)
+    medialis.forget()
+    monkeypatch.setattr(geodesics, "FEW_PAIRS", 0.0)
+    ordered = medialis.geodesic_importance(cloud)
+    for name in ("length", "start_tangent", "end_tangent", "status"):
+        assert np.array_equal(getattr(plain, name), getattr(ordered, name), equal_nan=True), name
