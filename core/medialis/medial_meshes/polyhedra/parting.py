@@ -314,7 +314,8 @@ def _without_crumbs(now: _Parted, facets: Facets, small: float) -> _Parted:
             if facets.alike(np.repeat(own, len(near), axis=0), near).any():
                 crumbs.append(one)
     seams = polylines(found.seams, len(now.balls))
-    crumbs += [one for one in seams if np.ptp(now.balls[one, :3], axis=0).max() < NO_LENGTH]
+    short = [one for one in seams if np.ptp(now.balls[one, :3], axis=0).max() < NO_LENGTH]
+    crumbs += [one.astype(np.int64) for one in short]
     links = [np.stack([one[1:], np.full(len(one) - 1, one[0])], axis=1) for one in crumbs]
     return now.merged(np.concatenate(links)) if links else now
 
