@@ -30,6 +30,10 @@ from medialis.shape.surface import piece_labels
 FLAT = 2e-6
 """Diagonals: points of one plane are no farther from it; files of 32-bit numbers round by 1e-7."""
 
+ROUNDED, TURN = 3e-7, 0.02
+"""Diagonals: corners as far from a plane may be rounded; of triangles that are low they are nearer
+than this share of the height: else all triangles at a short edge are in one plane."""
+
 SAME = 1e-5
 """Diagonals: vertices of the roof that are no farther apart are one, and on the planes so near."""
 
@@ -61,7 +65,9 @@ def facets_of(solid: Solid) -> tuple[FloatArray, Index] | None:
     half = np.where(swap, first, second)
     far = points[faces[half // 3, (half + 2) % 3]] - points[faces[large, 0]]
     off = np.abs(np.einsum("ij,ij->i", far, surface.face_normals[large]))
-    flat = (off < FLAT) | (areas[small] == 0.0)
+    side = points[faces[half // 3, (half + 1) % 3]] - points[faces[half // 3, half % 3]]
+    high = 2.0 * areas[small] / np.maximum(np.linalg.norm(side, axis=1), 1e-300)
+    flat = (off < np.clip(TURN * high, ROUNDED, FLAT)) | (areas[small] == 0.0)
     label = piece_labels(len(faces), np.stack([a[flat], b[flat]], axis=1))
     count = int(label.max()) + 1
     if count > MOST_PLANES:

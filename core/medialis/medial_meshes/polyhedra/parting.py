@@ -12,10 +12,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, Ragged
+from medialis.base.arrays import Index, Mask, Ragged, polylines
 from medialis.base.box_tree import NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray
@@ -33,8 +34,15 @@ SAMPLES, SEEDS = 5000, 3
 MOST_CORNERS = 1000
 """Of a polyhedron."""
 
-SMALL = 3.0
-"""Sheets that reach no farther than so many spacings from a rim or from each other are none."""
+SMALL, HANGING = 3.0, 3.0
+"""Spacings: pieces of sheets at a rim that are no larger were cut off by a corner; so were those up
+to so many times as large that hang at the rest."""
+
+NO_LENGTH = 1e-4
+"""Diagonals: ends of a seam that is no longer are one junction."""
+
+ROUNDS = 8
+"""In which edges are contracted that would join different sheets, at most."""
 
 PASSES = 40
 """In which ribbons are contracted, at most."""
@@ -67,10 +75,11 @@ class _Parted:
     pair: Index
 
     def merged(self, links: Index) -> _Parted:
-        """Return it with linked balls as one: the one that touches most faces, or the largest."""
+        """Return it with linked balls as one: of most faces, at a corner, or the largest."""
         label = piece_labels(len(self.balls), links).astype(np.int64)
         count = int(label.max()) + 1
-        order = np.lexsort([self.balls[:, 3], self.touched.sum(axis=1)])
+        radii = self.balls[:, 3]
+        order = np.lexsort([radii, radii == 0.0, self.touched.sum(axis=1)])
         chosen = np.empty(count, np.int64)
         chosen[label[order]] = order
         touched = np.zeros((count, self.touched.shape[1]), bool)
@@ -162,7 +171,7 @@ def _structure(solid: Solid, facets: Facets, cells: Cells) -> Structure | None:
     now = _parted(cells, facets)
     if now is None:
         return None
-    now = now.merged(_round_corners(now, facets))
+    now = _mended(now, facets)
     centers, spacing = now.balls[:, :3], cells.samples.spacing
     rim = _rim(now)
     inner = np.flatnonzero(~rim)
@@ -175,7 +184,9 @@ def _structure(solid: Solid, facets: Facets, cells: Cells) -> Structure | None:
     balls[rim] = np.column_stack([places, np.zeros(len(places))])
     now = replace(now, balls=balls, touched=touched)
     now = _without_ribbons(now, facets)
-    now = _without_crumbs(now, facets, SMALL * spacing)
+    now = _without_crumbs(_mended(now, facets), facets, SMALL * spacing)
+    if len(_wrong_edges(now, facets)):
+        return None
     pure = _only_sheets(now)
     if pure is None:
         return None
@@ -219,15 +230,29 @@ def _parted(cells: Cells, facets: Facets) -> _Parted | None:
     return _Parted(balls, *kept, touched, pair[live.faces])
 
 
-def _round_corners(now: _Parted, facets: Facets) -> Index:
-    """Return edges (q, 2) of two triangles of different sheets: a third should be there.
+def _mended(now: _Parted, facets: Facets) -> _Parted:
+    """Contract edges whose triangles are neither two of one sheet nor one of each of some."""
+    for _ in range(ROUNDS):
+        wrong = _wrong_edges(now, facets)
+        if len(wrong) == 0:
+            break
+        now = now.merged(wrong)
+    return now
 
-    That lies beyond the last samples, where three sheets meet at a corner of the solid.
+
+def _wrong_edges(now: _Parted, facets: Facets) -> Index:
+    """Return edges (q, 2) of two triangles of different sheets, or of more where two are alike.
+
+    Where three sheets meet at a corner of the solid, the third is missing beyond the last samples.
     """
     order, starts, counts = now.sides
-    two = starts[counts == 2]
-    a, b = now.pair[order[two] // 3], now.pair[order[two + 1] // 3]
-    return now.ends_of(order[two[~facets.alike(a, b)]])
+    wrong = np.zeros(len(starts), bool)
+    for first in range(int(counts.max(initial=1)) - 1):
+        for second in range(first + 1, int(counts.max())):
+            rows = np.flatnonzero(counts > second)
+            a, b = (now.pair[order[starts[rows] + k] // 3] for k in (first, second))
+            wrong[rows] |= facets.alike(a, b) != (counts[rows] == 2)
+    return now.ends_of(order[starts[wrong]])
 
 
 def _rim(now: _Parted | Complex) -> Mask:
@@ -267,23 +292,31 @@ def _without_ribbons(now: _Parted, facets: Facets) -> _Parted:
 
 
 def _without_crumbs(now: _Parted, facets: Facets, small: float) -> _Parted:
-    """Contract small pieces that a vertex joins to a larger one of the same walls, or a rim."""
-    sheet = sheets_of(now.balls[:, :3], now.faces).of_faces
-    size = np.bincount(sheet)
-    corner, owner = now.faces.ravel(), np.repeat(sheet, 3)
+    """Contract small pieces at a rim, which has no small sheets, and seams without a length.
+
+    Also pieces that are not as small, where a larger one of the same walls has a ball of theirs.
+    """
+    found = sheets_of(now.balls[:, :3], now.faces)
+    size = np.bincount(found.of_faces)
+    corner, owner = now.faces.ravel(), np.repeat(found.of_faces, 3)
     order = np.argsort(owner, kind="stable")
     starts = np.concatenate([[0], np.cumsum(3 * size)])
-    links = []
-    for k in range(len(size)):
-        own = np.unique(corner[order[starts[k] : starts[k + 1]]])
-        if np.linalg.norm(np.ptp(now.balls[own, :3], axis=0)) > small:
-            continue
-        beside = np.isin(corner, own) & (size[owner] > size[k])
-        pair = now.pair[np.flatnonzero(sheet == k)[0]]
-        near = now.pair[np.flatnonzero(beside) // 3]
-        hangs = facets.alike(np.tile(pair, (len(near), 1)), near).any()
-        if hangs or (now.balls[own, 3] == 0.0).all():
-            links.append(np.stack([own[1:], np.full(len(own) - 1, own[0])], axis=1))
+    pieces = [np.unique(corner[order[i:j]]) for i, j in pairwise(starts.tolist())]
+    crumbs = []
+    for k, one in enumerate(pieces):
+        length = np.linalg.norm(np.ptp(now.balls[one, :3], axis=0))
+        if length < small and (now.balls[one, 3] == 0.0).any():
+            crumbs.append(one)
+        elif length < HANGING * small:
+            beside = np.isin(corner, one) & (size[owner] > size[k])
+            near = now.pair[np.flatnonzero(beside) // 3]
+            own = now.pair[np.flatnonzero(found.of_faces == k)[:1]]
+            if facets.alike(np.repeat(own, len(near), axis=0), near).any():
+                crumbs.append(one)
+    seams = polylines(found.seams, len(now.balls))
+    short = [one for one in seams if np.ptp(now.balls[one, :3], axis=0).max() < NO_LENGTH]
+    crumbs += [one.astype(np.int64) for one in short]
+    links = [np.stack([one[1:], np.full(len(one) - 1, one[0])], axis=1) for one in crumbs]
     return now.merged(np.concatenate(links)) if links else now
 
 
