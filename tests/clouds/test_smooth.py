@@ -202,3 +202,6 @@ def test_outliers_that_fill_a_volume_are_told_from_a_surface_as_dense_once_it_is
     high = np.abs(points[chosen, 2])
     inside = (np.abs(points[chosen]) < 0.5).all(axis=1)  # most of the ball of 12 s is in the box
     assert told[(high > 0.3) & inside].mean() > 0.95 and not told[:1000][high[:1000] < 0.1].any()
+    # Along edges of the box their number grows as on a surface; a quarter was told.
+    edges = (np.abs(points[chosen]) > 0.85).sum(axis=1) >= 2
+    assert told[(high > 0.3) & edges].mean() > 0.6
