@@ -9,7 +9,14 @@ from scipy.spatial import cKDTree
 import closed_forms as forms
 import medialis
 from medialis.base.arrays import enclosed_volume
-from medialis.curves.tree_cylinders import _Laid, _tapering, lowest_thick_end, nearest_end, rooted
+from medialis.curves.tree_cylinders import (
+    _Laid,
+    _paths,
+    _tapering,
+    lowest_thick_end,
+    nearest_end,
+    rooted,
+)
 from trees import known_tree, meshed
 
 # What each program asks of a table: rTwig knows TreeQSM's by these four.
@@ -123,9 +130,9 @@ def test_tables_have_the_columns_of_treeqsm_in_metres(result, tmp_path):
 
 @pytest.mark.slow
 def test_a_larger_tree_turned_and_scaled(tmp_path):
-    """25 limbs with radii from 0.5 to 0.05, where the mesh has half an edge to the radius."""
-    seed, limbs, cell, scale = 3, 25, 0.08, 80.0
-    known = known_tree(seed, limbs)
+    """25 limbs of radii down to 0.05, some side by side, half an edge of the mesh to the radius."""
+    seed, limbs, cell, scale = 13, 25, 0.08, 80.0
+    known = known_tree(seed, limbs, orders=1)
     turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     mesh = meshed(known, cell)
@@ -172,6 +179,16 @@ def test_a_loop_is_cut_where_it_is_thinnest(thin):
     after, cut = rooted(square(radii), 0)
     assert cut == 1
     assert 4 in after[5 - thin] and after[thin] == [] and after[4] == [5]
+
+
+def test_a_trunk_goes_on_where_it_is_thickest_though_it_ends_soon():
+    """A branch of 60 % of its radius and of four times its length was taken for its top."""
+    points = [[0, 0, 0], [0, 0, 4], [0, 0, 4.6], [1, 0, 4.5], [2, 0, 5.5], [3, 0, 7.5]]
+    edges = [[0, 1], [1, 2], [1, 3], [3, 4], [4, 5]]
+    graph = medialis.CurveSkeleton.of(points, edges, [0.5, 0.5, 0.48, 0.3, 0.3, 0.3])
+    after, cut = rooted(graph, 0)
+    assert cut == 0
+    assert _paths(graph, after, 0) == [([0, 1, 2], -1, 0), ([1, 3, 4, 5], 0, 1)]
 
 
 def test_the_root_is_the_lowest_of_the_thick_ends_or_the_nearest():

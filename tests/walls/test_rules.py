@@ -67,6 +67,9 @@ def test_a_company_edits_a_copy(tmp_path, ribbed):
     assert values["minimum"] == pytest.approx(1.524) and values["too_thin"] == 1  # walls, joined
     path.write_text("[ours]\nminimum = 1.1\n")
     assert check(ribbed, rules=str(path))["too_thin"] == 1  # one process: no name is needed
+    path.write_text("[ours]\nminimum = '1.1units'\n")  # where nobody knows the unit, as in MeshLab
+    bare = medialis.make_shape(ribbed.points, ribbed.faces)
+    assert check(bare, rules=str(path))["minimum"] == pytest.approx(1.1)
     assert rules_of("", NONE) is None and read_rules(USUAL) == PROCESSES
 
 

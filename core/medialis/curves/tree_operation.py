@@ -243,13 +243,7 @@ OPERATION = Operation(
         Format("csv", write_cylinders, "cylinders"),
         Format("branches.csv", write_branches, "cylinders"),
     ),
-    examples=(
-        (
-            "tree.ply --unit m",
-            "cylinders from a root to the twigs, as tables for TreeQSM and rTwig",
-        ),
-        ("tree.ply -o tapering --taper", "the same, never thicker further out"),
-    ),
+    examples=(("tree.ply --unit m --taper", "from a root to the twigs, thinner and thinner"),),
     sample="tree",
     layers={
         "tree_cylinders": "the middles of the cylinders with radius, order and branch",

@@ -639,10 +639,6 @@ WALL_CHECK = Operation(
     examples=(
         ("bracket.ply --unit in --minimum 1.5mm --maximum 4mm", "walls outside of 1.5 to 4 mm"),
         ("bracket.ply --unit in --process FDM -o print", "for a printer, its lines as well"),
-        (
-            "bracket.ply --unit in --material ABS -o abs",
-            "what is usual for ABS",
-        ),
     ),
     layers={
         "wall_check": "the surface with thickness, check (0 within, 1 too thin, 2 too thick, "
