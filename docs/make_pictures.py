@@ -10,12 +10,14 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import medialis
+from medialis.robots.urdf import link_shapes, robot_of
 from medialis.show.annotation import ColorBar, contact_sheet
 from medialis.show.camera import Camera
 from medialis.show.colors import value_range
@@ -555,6 +557,40 @@ def tree_cylinders() -> Image:
     return _sheet(shown, ["a mesh: orders of branches", "a cloud, open below"], 2)
 
 
+ARM = (
+    ("base", "0 0 0.05", '<cylinder radius="0.1" length="0.1"/>'),
+    ("shoulder", "0 0 0.2", '<cylinder radius="0.06" length="0.2"/>'),
+    ("arm", "0.2 0 0.3", '<box size="0.5 0.08 0.1"/>'),
+    ("hand", "0.47 0 0.22", '<box size="0.06 0.16 0.1"/>'),
+    ("left", "0.47 0.06 0.12", '<box size="0.02 0.02 0.1"/>'),
+    ("right", "0.47 -0.06 0.12", '<box size="0.02 0.02 0.1"/>'),
+)
+"""Links of an arm: name, place, shape."""
+
+
+def robot_balls() -> Image:
+    """Draw the links of an arm, balls that hold them, and balls that keep above a table."""
+    row = '<link name="{}"><collision><origin xyz="{}"/><geometry>{}</geometry></collision></link>'
+    links = "".join(row.format(*link) for link in ARM)
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "arm.urdf")
+        path.write_text(f'<robot name="arm">{links}</robot>', encoding="utf-8")
+        shapes = list(link_shapes(path, robot_of(path), medialis.Progress()).values())
+        plane = (0.0, 0.0, 1.0, 0.0)
+        robots = [medialis.robot_balls(path, balls=n, plane=plane) for n in (30, 120)]
+    camera = Camera.framing(np.concatenate([s.points for s in shapes]), width=600, height=450)
+    solid = [Surface(s.points, s.faces) for s in shapes]
+    images = [draw(solid, camera)]
+    for robot in robots:
+        covers = [
+            Balls(one.centers, one.radii, values=np.full(len(one), float(k)))
+            for k, one in enumerate(robot.links.values())
+        ]
+        images.append(draw(covers, camera))
+    counts = [sum(map(len, robot.links.values())) for robot in robots]
+    return contact_sheet(images, ["links", *(f"{count} balls" for count in counts)], 3)
+
+
 def convex_pieces() -> Image:
     """Draw pieces moved apart: of a bracket, of a vase, and of the creature."""
     names, apart = ("bracket", "vase", "creature"), []
@@ -828,7 +864,7 @@ PICTURES: dict[str, Callable[[], Image]] = {
         medial_mesh, medial_mesh_balls, medial_mesh_sheets,
         midsurface, importance, measures, geodesic, curve_skeleton, curve_candidates, curve_parts,
         curve_options, curve_comparison, centerline, tree_cylinders, convex_pieces,
-        view_curve_skeleton,
+        robot_balls, view_curve_skeleton,
         point_types, medial_sheets, y_network, sheet_meshes, soft_edges, patches, limbs, parts,
         parts_as_seen, manifolds, skeleton_manifolds, remove_outliers, mean_shift_segments,
         test_poses,

@@ -8,8 +8,9 @@ import pytest
 
 import medialis
 from medialis.base.progress import Progress
-from medialis.robots.balls import write_robot_balls
-from medialis.robots.urdf import link_shapes, robot_of
+from medialis.cli import main
+from medialis.robots.balls import _few, write_robot_balls
+from medialis.robots.urdf import fixed_frames, link_shapes, robot_of
 
 yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
 
@@ -120,6 +121,81 @@ def test_files_are_those_of_curobo_and_moveit(arm, tmp_path):
     assert content["figures"] == arm.figures and content["unit"] == "m"
     with pytest.raises(medialis.InvalidOptionError, match="Balls end in"):
         write_robot_balls(tmp_path / "arm.txt", arm)
+
+
+JOINT = (
+    '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/>'
+    '<origin xyz="{}" rpy="{}"/></joint>'
+)
+
+
+def test_links_that_no_joint_moves_have_frames(tmp_path):
+    path = robot(tmp_path, BOX, FINGER, ("moving", "0 0 0", "0 0 0", '<box size="1 1 1"/>'))
+    joints = JOINT.format("a", "fixed", "base", "finger", "1 2 3", "0 0 1.5707963267948966")
+    joints += JOINT.format("b", "revolute", "finger", "moving", "0 0 0", "0 0 0")
+    path.write_text(path.read_text().replace("</robot>", f"{joints}</robot>"))
+    frames = fixed_frames(robot_of(path))
+    assert set(frames) == {"base", "world", "finger"}
+    turn, place = frames["finger"]
+    assert turn @ [1, 0, 0] == pytest.approx([0, 1, 0]) and place.tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("turn", ["0 0 0", "3.141592653589793 0 0"])
+def test_no_ball_crosses_the_plane_of_a_table(tmp_path, turn):
+    """It stands in the frame of the first link; a fixed joint turns the other one over."""
+    path = robot(tmp_path, ("foot", "0 0 0.05", "0 0 0", '<sphere radius="0.1"/>'))
+    joint = JOINT.format("a", "fixed", "world", "foot", "0 0 0", turn)
+    path.write_text(path.read_text().replace("</robot>", f"{joint}</robot>"))
+    found = medialis.robot_balls(path, balls=8, plane=(0.0, 0.0, 2.0, 0.0))  # of any length
+    cover = found.links["foot"]
+    up = 1.0 if turn == "0 0 0" else -1.0
+    lowest = up * cover.centers[0, 2] - cover.radii[0]
+    assert 0.0 <= lowest < 1e-9
+    assert 2 * cover.radii[0] == pytest.approx(0.15 if up > 0 else 0.05)  # what is left above
+    assert found.figures["coverage"] < 1.0 and found.figures["largest_uncovered_gap"] > 0.0
+
+
+@pytest.mark.parametrize("plane", [(0, 0, 0, 1), (0, 0, 1), "z", (0, 0, 1, float("nan"))])
+def test_a_plane_is_four_numbers(tmp_path, plane):
+    with pytest.raises(medialis.InvalidOptionError, match="plane must be four numbers"):
+        medialis.robot_balls(robot(tmp_path, BOX), plane=plane)
+
+
+def test_the_command_writes_each_file_and_says_how_good(tmp_path, capsys):
+    path = robot(tmp_path, ("ball", "0 0 0", "0 0 0", '<sphere radius="0.1"/>'))
+    files = [str(tmp_path / f"arm.{ending}") for ending in ("yml", "srdf")]
+    words = ["robot-balls", str(path), "-o", files[0], "-o", files[1], "--plane", "0", "0", "1"]
+    assert main([*words, "-0.05"]) == 0
+    told = capsys.readouterr().out
+    assert "1 ball for 1 link" in told and "coverage: " in told and "surface gap: " in told
+    spheres = yaml.safe_load((tmp_path / "arm.yml").read_text())["collision_spheres"]
+    (ball,) = spheres["ball"]  # from -0.05 to 0.1
+    assert ball["radius"] == pytest.approx(0.075) and ball["center"][2] == pytest.approx(0.025)
+    assert main([*words, "0"]) == 2 and "already" in capsys.readouterr().err
+    assert main([*words[:2], "-o", str(tmp_path / "arm.txt")]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_yourdfpy_reads_the_balls(arm, tmp_path):
+    yourdfpy = pytest.importorskip("yourdfpy", reason="yourdfpy is not installed")
+    medialis.write_robot_balls(tmp_path / "arm.urdf", arm)
+    links = yourdfpy.URDF.load(str(tmp_path / "arm.urdf"), build_scene_graph=False).link_map
+    for name, cover in arm.links.items():
+        balls = [one.geometry.sphere.radius for one in links[name].collisions]
+        places = [one.origin[:3, 3] for one in links[name].collisions]
+        assert balls == cover.radii.tolist() and np.allclose(places, cover.centers, atol=1e-15)
+
+
+def test_a_dirty_link_needs_no_ball_for_each_speck():
+    """Slits and specks of one link of an open arm took 92 of 100 balls."""
+    rows = np.array(
+        [[0, 0, 0, 1], [1, 0, 0, 0.9], [0, 5, 0, 0.1], [0.5, 0, 0, 0.5], [9, 0, 0, 0.1]]
+    )
+    mesh = medialis.MedialMesh(rows[:, :3], rows[:, 3], [], [])
+    assert mesh.fewest == 5  # none is joined to another
+    assert _few(mesh, 3).centers.tolist() == [[0, 0, 0], [9, 0, 0], [0, 5, 0]]
+    assert len(_few(mesh, 5)) == 5
 
 
 @pytest.mark.parametrize(

@@ -159,6 +159,8 @@ def build_parser(
     sample = add("sample", "Write a shape to try things on; without a name: list them.")
     sample.add_argument("name", nargs="?", help="its name")
     sample.add_argument("-o", "--output", metavar="FILE", help="(default: NAME.ply, here)")
+    robot = add("robot-balls", "Describe the links of a robot (URDF) by balls, for planners.")
+    _add_robot_balls(robot)
     view = add("view", "Show a shape and its results in three dimensions, in one HTML file.")
     _add_view(view)
     completion = add("completion", "Print the script by which a shell completes commands.")
@@ -357,6 +359,37 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
         "--fail", action="store_true", help="end with exit status 1 where a check fails"
     )
     sub.add_argument("--json", action="store_true", help="print the table as JSON")
+    _add_progress(sub)
+
+
+def _add_robot_balls(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("file", help="a URDF file, with its meshes beside it or in folders above")
+    sub.add_argument(
+        "-o",
+        "--output",
+        action="append",
+        metavar="FILE",
+        help="ends in .yml (cuRobo), .srdf (MoveIt), .urdf (balls as collision elements) or .json; "
+        "may be given several times (default: NAME-balls.yml, here)",
+    )
+    sub.add_argument("--balls", type=int, default=100, metavar="N", help="in all (default: 100)")
+    sub.add_argument(
+        "--cover",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="every point of every link lies in a ball (default), or the balls fit best",
+    )
+    sub.add_argument(
+        "--plane",
+        nargs=4,
+        type=number,
+        metavar=("A", "B", "C", "D"),
+        help="balls of links that no joint moves keep to the side where A x + B y + C z is D or "
+        "more, in the frame of the first link and in metres: 0 0 1 0 for a robot on a table",
+    )
+    sub.add_argument("--overwrite", action="store_true", help="replace files that are there")
+    sub.add_argument("--threads", type=int, help="use at most this many threads")
+    sub.add_argument("--json", action="store_true", help="print the figures as one JSON object")
     _add_progress(sub)
 
 

@@ -521,6 +521,47 @@ def write_sample(options: argparse.Namespace) -> int:
     return EXIT_OK
 
 
+def run_robot_balls(options: argparse.Namespace) -> int:
+    """Compute balls for a robot, write them and say how good they are; return the exit code."""
+    from medialis.base.options import with_unit
+    from medialis.base.progress import counted
+    from medialis.base.threads import thread_limit
+    from medialis.robots.balls import ENDINGS, robot_balls, write_robot_balls
+
+    files = [Path(name) for name in options.output or [f"{Path(options.file).stem}-balls.yml"]]
+    for file in files:  # at once: it takes minutes
+        if file.suffix.lower() not in ENDINGS:
+            raise InvalidOptionError(f"Balls end in {', '.join(ENDINGS)}, got {file.name!r}.")
+        if not options.overwrite:
+            _refuse_existing(file)
+    progress = shown_progress(options.progress)
+    given = {"balls": options.balls, "cover": options.cover, "plane": options.plane}
+    with thread_limit(options.threads):
+        robot = robot_balls(options.file, progress=progress, **given)
+    for file in files:
+        if not options.overwrite:
+            _refuse_existing(file)
+        write_robot_balls(file, robot)
+    counts = {name: len(cover) for name, cover in robot.links.items()}
+    if options.json:
+        files_told = [str(file) for file in files]
+        say(json.dumps({"files": files_told, "balls": counts, "figures": robot.figures}, indent=1))
+        return EXIT_OK
+    for message in progress.messages:
+        if message.level >= logging.WARNING or message.code == "at_plane":
+            say(f"note: {message}")
+    say(f"{counted(sum(counts.values()), 'ball')} for {counted(len(counts), 'link')}")
+    for name, count in counts.items() if options.verbose else ():
+        say(f"  {name}: {count}")
+    for name, value in robot.figures.items():
+        share = name in ("coverage", "volume_ratio")
+        text = f"{value:.4g}" if share else with_unit(1000.0 * value, "mm")
+        say(f"{name.replace('_', ' ')}: {text}")
+    for file in files:
+        say(file)
+    return EXIT_OK
+
+
 def _refuse_existing(path: Path) -> None:
     if path.exists():
         raise FileError(f"Nothing was written: there is a file {path} already; name another.")
@@ -755,6 +796,7 @@ def _completion(options: argparse.Namespace) -> int:
 
 COMMANDS = {
     "view": run_view,
+    "robot-balls": run_robot_balls,
     "info": _info,
     "list": _list,
     "describe": _describe,

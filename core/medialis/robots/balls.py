@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,7 +22,7 @@ from medialis.base.arrays import Described, enclosed_volume, twice_areas
 from medialis.base.box_tree import NearestTree
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, flag, whole
-from medialis.base.progress import Progress
+from medialis.base.progress import Progress, counted
 from medialis.base.validation import FloatArray
 from medialis.formats.files import write_text
 from medialis.medial_meshes.distances import covering, excess_of, pieces_of
@@ -30,6 +30,7 @@ from medialis.medial_meshes.medial_mesh import medial_mesh
 from medialis.medial_meshes.mesh import BallCover, MedialMesh
 from medialis.medial_meshes.sampling import Solid
 from medialis.robots.urdf import (
+    fixed_frames,
     link_shapes,
     robot_of,
     rows_of,
@@ -109,6 +110,21 @@ class RobotBallsOptions(Options):
         "Move and enlarge the balls until every point of every link lies in one; else they fit "
         "best.",
     )
+    plane: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.plane is None:
+            return
+        try:
+            given = np.array(self.plane, np.float64)
+        except (TypeError, ValueError):
+            given = np.empty(0)
+        if given.shape != (4,) or not np.isfinite(given).all() or not given[:3].any():
+            raise InvalidOptionError(
+                f"plane must be four numbers a b c d, a direction first; got {self.plane!r}."
+            )
+        object.__setattr__(self, "plane", tuple((given / np.linalg.norm(given[:3])).tolist()))
 
 
 @algorithm(RobotBallsOptions, keep=False)
@@ -121,6 +137,11 @@ def robot_balls(
     ----------
     path : path
         A URDF file, with its meshes beside it or in folders above.
+    plane : sequence of float, optional
+        ``a, b, c, d``: balls of links that no joint moves keep to the side of a plane where
+        ``a x + b y + c z`` is d or more, in the frame of the first link and in metres:
+        ``(0, 0, 1, 0)`` for a robot on a table. Those that would cross it are smaller; where a link
+        stands on the plane it is not covered altogether then, and figures say how far.
 
     Returns
     -------
@@ -140,8 +161,8 @@ def robot_balls(
 
     Notes
     -----
-    Where links need more balls than there are to have their topology, they
-    keep that number: a message says so.
+    Each link gets a ball at least: a message says so where that is more than
+    there are.
 
     Examples
     --------
@@ -165,12 +186,13 @@ def robot_balls(
     with progress.stage("share", 0.1, 0.5):
         counts = _shared(shapes, round_ones, options, progress)
     links: dict[str, BallCover] = {}
-    measured = []
+    measured, planes = [], _planes(root, options.plane)
     with progress.stage("fit", 0.5, 1.0):
         for number, (name, shape) in enumerate(shapes.items()):
-            links[name] = round_ones.get(name) or _balls_of(
-                _mesh(name, shape, counts[name], progress.still), shape, options
+            cover = round_ones.get(name) or _balls_of(
+                _few(_mesh(name, shape, counts[name], progress.still), counts[name]), shape, options
             )
+            links[name] = _above(cover, shape, planes[name], progress) if name in planes else cover
             measured.append(_measured(links[name], shape))
             progress.update((number + 1) / len(shapes))
     urdf = ElementTree.tostring(root, encoding="unicode")
@@ -194,10 +216,64 @@ def _mesh(name: str, shape: Shape, balls: int, progress: Progress) -> MedialMesh
         raise InvalidShapeError(f"Link {name}: {error}") from error
 
 
+def _few(mesh: MedialMesh, count: int) -> MedialMesh:
+    """Return so many balls, also where the topology needs more: those that are farthest apart.
+
+    Meshes of links have specks, slits and inner walls, each a part or a handle that needs balls.
+    """
+    if count >= mesh.fewest:
+        return mesh.level(count)
+    mesh = mesh.level(mesh.fewest)
+    chosen = [int(mesh.radii.argmax())]
+    out = np.full(len(mesh), np.inf)
+    while len(chosen) < count:
+        last = chosen[-1]
+        away = np.linalg.norm(mesh.centers - mesh.centers[last], axis=1) - mesh.radii[last]
+        out = np.minimum(out, away + mesh.radii)  # how far each sticks out of those chosen
+        chosen.append(int(out.argmax()))
+    rows = np.column_stack([mesh.centers, mesh.radii])[chosen]
+    none = np.empty((0, 3), np.int64)
+    return MedialMesh.of_rows(rows, none[:, :2], none)
+
+
 def _balls_of(mesh: MedialMesh, shape: Shape, options: RobotBallsOptions) -> BallCover:
     centers, radii = mesh.centers, mesh.radii
     if options.cover:
         centers, radii = covering(mesh, shape, PIECE, ROUNDS)
+    return BallCover(centers, radii, excess_of(shape, centers, radii))
+
+
+def _planes(
+    root: ElementTree.Element, plane: Sequence[float] | None
+) -> dict[str, tuple[FloatArray, float]]:
+    """Return normal and distance of a plane in the frame of each link that no joint moves."""
+    if plane is None:
+        return {}
+    normal = np.array(plane[:3])
+    return {
+        name: (normal @ turn, plane[3] - float(normal @ place))
+        for name, (turn, place) in fixed_frames(root).items()
+    }
+
+
+def _above(
+    cover: BallCover, shape: Shape, plane: tuple[FloatArray, float], progress: Progress
+) -> BallCover:
+    """Put the largest ball that touches a plane in the place of one that crosses it.
+
+    It lies in that one and touches it where that is farthest from the plane.
+    """
+    normal, distance = plane
+    height = cover.centers @ normal - distance
+    crossing = height < cover.radii
+    if not crossing.any():
+        return cover
+    radii = np.where(crossing, 0.5 * (height + cover.radii), cover.radii)
+    centers = cover.centers + np.where(crossing, radii - height, 0.0)[:, None] * normal
+    kept = radii > 0.0
+    text = f"{counted(int(crossing.sum()), 'ball')} at the plane were made smaller or left out."
+    progress.note(text, "at_plane", balls=int(crossing.sum()), left_out=int((~kept).sum()))
+    centers, radii = centers[kept], radii[kept] * (1.0 - 1e-12)
     return BallCover(centers, radii, excess_of(shape, centers, radii))
 
 
@@ -215,14 +291,14 @@ def _shared(
             continue
         most = min(MOST_LOOKED_AT, options.balls)
         mesh = _mesh(name, shape, most, progress.still).with_levels()
-        sizes = sorted({max(mesh.fewest, min(1 << k, len(mesh))) for k in range(7)})
-        told = [_sticking_out(mesh.level(size), shape) for size in sizes]
+        sizes = sorted({min(1 << k, len(mesh), most) for k in range(7)})
+        told = [_sticking_out(_few(mesh, size), shape) for size in sizes]
         levels[name] = np.array(sizes, float), np.minimum.accumulate(told)
         counts[name] = sizes[0]
         progress.update((number + 1) / len(shapes))
     if sum(counts.values()) > options.balls:
         need = sum(counts.values())
-        text = f"{need} balls are used, not {options.balls}: the links need them for their handles."
+        text = f"{need} balls are used, not {options.balls}: one for each link."
         progress.warn(text, "more_balls", balls=need, of=options.balls)
     while sum(counts.values()) < options.balls:
         worst = max(counts, key=lambda name: _expected(*levels[name], counts[name]))

@@ -27,6 +27,7 @@ from medialis.base.validation import FloatArray
 from medialis.formats.files import file_bytes, reading
 from medialis.medial_meshes.mesh import BallCover
 from medialis.shape.reading import make_shape, read_shape
+from medialis.shape.samples import turned
 from medialis.shape.shape import Shape
 
 SIDES = 32
@@ -90,11 +91,8 @@ def _parts(path: Path, link: ElementTree.Element, progress: Progress) -> Iterato
             continue
         with reading(os.fspath(path)):
             points, faces = _shape(path, kind, progress)
-            origin = one.find("origin")
-            if origin is not None:
-                turn = _rotation(_numbers(origin.get("rpy", "0 0 0"), 3))
-                points = points @ turn.T + _numbers(origin.get("xyz", "0 0 0"), 3)
-        yield points, faces
+            turn, place = _origin(one)
+        yield points @ turn.T + place, faces
 
 
 def _shape(path: Path, kind: ElementTree.Element, progress: Progress) -> tuple[Any, Any]:
@@ -113,10 +111,48 @@ def _shape(path: Path, kind: ElementTree.Element, progress: Progress) -> tuple[A
         return corners * _numbers(kind.get("size", ""), 3), faces
     radius = float(_numbers(kind.get("radius", ""), 1)[0])
     if kind.tag == "cylinder":
-        return _cylinder(radius, float(_numbers(kind.get("length", ""), 1)[0]))
+        round_one = _cylinder(radius, float(_numbers(kind.get("length", ""), 1)[0]))
+        return round_one.points, round_one.faces
     if kind.tag == "sphere":
-        return _sphere(radius)
+        ball = _sphere(radius)
+        return ball.points, ball.faces
     raise InvalidShapeError(f"it has a shape <{kind.tag}>; URDF has mesh, box, cylinder, sphere.")
+
+
+def fixed_frames(root: ElementTree.Element) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Return how the links that do not move with a joint stand in the frame of the first one.
+
+    Returns
+    -------
+    dict of (rotation (3, 3), origin (3,))
+        The first link, which no joint moves, and what is fixed to it.
+    """
+    joints = root.findall("joint")
+    ends = [
+        [("" if end is None else end.get("link", "")) for end in map(one.find, ("parent", "child"))]
+        for one in joints
+    ]
+    moved = {child for _, child in ends}
+    names = [link.get("name", "") for link in root.findall("link")]
+    found = {name: (np.eye(3), np.zeros(3)) for name in names if name not in moved}
+    waiting = list(found)
+    for link in waiting:  # grows meanwhile
+        turn, place = found[link]
+        for joint, (parent, child) in zip(joints, ends, strict=True):
+            if parent == link and child not in found and joint.get("type") == "fixed":
+                own_turn, own_place = _origin(joint)
+                found[child] = turn @ own_turn, turn @ own_place + place
+                waiting.append(child)
+    return found
+
+
+def _origin(element: ElementTree.Element) -> tuple[FloatArray, FloatArray]:
+    """Return rotation and place of what an element has an origin for."""
+    origin = element.find("origin")
+    if origin is None:
+        return np.eye(3), np.zeros(3)
+    turn = _rotation(_numbers(origin.get("rpy", "0 0 0"), 3))
+    return turn, _numbers(origin.get("xyz", "0 0 0"), 3)
 
 
 def mesh_file(path: Path, name: str) -> Path:
@@ -158,40 +194,18 @@ def _rotation(rpy: FloatArray) -> FloatArray:
     return np.asarray(Rotation.from_euler("xyz", rpy).as_matrix())
 
 
-def _cylinder(radius: float, length: float) -> tuple[Any, Any]:
-    turn = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    ring = radius / math.cos(math.pi / SIDES) * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    ends = [np.column_stack([ring, np.full(SIDES, z)]) for z in (-length / 2, length / 2)]
-    tips = np.array([[0.0, 0.0, -length / 2], [0.0, 0.0, length / 2]])
-    a = np.arange(SIDES)
-    b, low, high = (a + 1) % SIDES, np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
-    rows = ([a, b, b + SIDES], [a, b + SIDES, a + SIDES], [b, a, low], [a + SIDES, b + SIDES, high])
-    return np.concatenate([*ends, tips]), np.concatenate([np.stack(r, axis=1) for r in rows])
+def _cylinder(radius: float, length: float) -> Shape:
+    wide = radius / math.cos(math.pi / SIDES)
+    return turned(np.array([wide, wide]), np.array([-0.5, 0.5]) * length, SIDES)
 
 
-def _sphere(radius: float) -> tuple[Any, Any]:
+def _sphere(radius: float) -> Shape:
     """Return a sphere of rings, no point of which lies outside."""
     up = np.pi * np.arange(1, SIDES // 2) / (SIDES // 2)
-    turn = 2.0 * np.pi * np.arange(SIDES) / SIDES
-    rows = np.stack(
-        [
-            np.sin(up)[:, None] * np.cos(turn),
-            np.sin(up)[:, None] * np.sin(turn),
-            np.cos(up)[:, None] + 0.0 * turn,
-        ],
-        axis=2,
-    )
-    points = np.concatenate([rows.reshape(-1, 3), [[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]])
-    a = np.arange(SIDES)
-    b, top, low = (a + 1) % SIDES, len(points) - 2, len(points) - 1
-    faces = [np.stack([np.full(SIDES, top), a, b], axis=1)]
-    for ring in range(len(up) - 1):
-        here, below = ring * SIDES, (ring + 1) * SIDES
-        faces += [np.stack([a + here, a + below, b + below], axis=1)]
-        faces += [np.stack([a + here, b + below, b + here], axis=1)]
-    last = (len(up) - 1) * SIDES
-    faces.append(np.stack([a + last, np.full(SIDES, low), b + last], axis=1))
-    return radius * points, np.concatenate(faces)
+    ball = turned(radius * np.sin(up), -radius * np.cos(up), SIDES)
+    points = np.array(ball.points)
+    points[-2:] = [[0.0, 0.0, -radius], [0.0, 0.0, radius]]
+    return Shape(points, ball.normals, ball.faces)
 
 
 def rows_of(cover: BallCover) -> list[list[float]]:

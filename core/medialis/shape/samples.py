@@ -145,11 +145,11 @@ def _vase(resolution: int) -> Shape:
     foot = float(outer[0]) * np.linspace(0, 1, resolution // 8)[1:-1]
     radius = np.concatenate([foot, *radii, floor])
     level = np.concatenate([0 * foot, *heights, np.full(len(floor), heights[-1][-1])])
-    return _turned(radius, level, around=resolution)
+    return turned(radius, level, around=resolution)
 
 
-def _turned(radius: FloatArray, level: FloatArray, around: int) -> Shape:
-    """Mesh a surface of revolution between two points of its axis."""
+def turned(radius: FloatArray, level: FloatArray, around: int) -> Shape:
+    """Mesh a surface of revolution between two points of its axis, z; outward where it rises."""
     turn = 2 * np.pi * np.arange(around) / around
     wide, high = radius[:, None], np.repeat(level[:, None], around, axis=1)
     rings = np.stack([wide * np.cos(turn), wide * np.sin(turn), high], axis=2)
