@@ -78,6 +78,25 @@ def test_a_ball_that_flew_off_is_found_by_the_point_it_came_from():
     assert np.isclose(found.over[0], -0.75, atol=2e-3)
 
 
+def test_the_side_of_a_center_is_looked_up_where_normals_are_wrong():
+    """Normals turned over where x > 0: only what tells inside is right there."""
+    points = icosphere(4).points
+    normals = np.where(points[:, :1] > 0, -points, points)
+    balls = np.array([[0.9, 0, 0, 0.3], [-0.9, 0, 0, 0.3], [1.2, 0, 0, 0.1], [0.2, 0, 0, 0.5]])
+    right = [-0.2, -0.2, -0.3]
+
+    def over(bounds):
+        known = bounds.overshoot(balls).done()
+        rows, found, places = bounds.out_of(balls, known, np.array([2]))
+        assert np.allclose(np.linalg.norm(places, axis=1), 1.0, atol=2e-3)
+        return dict(zip(rows.tolist(), found.tolist(), strict=True))
+
+    wrong = over(Bounds(points, normals))
+    assert abs(wrong[0] + 0.4) < 0.01 and abs(wrong.get(2, 0.0) + 0.3) > 0.1
+    found = over(Bounds(points, normals, lambda x: np.linalg.norm(x, axis=1) < 1.0))
+    assert np.allclose([found.get(i, 0.0) for i in range(3)], right, atol=2e-3) and 3 not in found
+
+
 def test_a_hollow_that_no_sample_of_the_surface_tells():
     """A shell of balls in a ball: its inner wall at 0.6 is 0.4 deep, with all samples on it."""
     sphere = icosphere(3)

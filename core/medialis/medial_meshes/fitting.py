@@ -196,6 +196,7 @@ class Bounds:
 
         self._contains = contains
         self._order, bounds, depth = box_tree(points[:, None])
+        self._place = np.argsort(self._order)
         self.points = frozen(points[self._order], np.float64)
         normals = frozen(normals[self._order], np.float64)
         self._surface = SurfacePoints(self.points, normals, bounds, depth)
@@ -209,27 +210,36 @@ class Bounds:
         look_up(Lookup(lambda begin, end: nearest_points(begin, end, *given), len(places), near))
         return far[:, 0], self._order[near[:, 0]]
 
-    def sure(
-        self, balls: FloatArray, over: FloatArray, near: Index
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return by how much balls stick out, (q,), and the places of the surface, (q, 3).
+    def out_of(
+        self, balls: FloatArray, found: Overshoot, checked: Index
+    ) -> tuple[Index, FloatArray, FloatArray]:
+        """Return which balls stick out, by how much, and the places of the surface, (o, 3).
 
         Next to the surface the nearest point is beside the nearest place, and there, and at folds,
         its normal may be wrong on which side a center is. The place is in its plane, where that is
-        on the right side, else it is the point.
+        on the right side, else it is the point. Of `checked` balls none is lost outside.
         """
-        places, depth = self.points[near], over + balls[:, 3]
-        unsure = np.flatnonzero(depth < NEXT_TO)
-        if self._contains is None or len(unsure) == 0:
-            return over, places
-        centers, normals = balls[unsure, :3], self._surface.normals[near[unsure]]
-        sign = np.where(self._contains(centers), 1.0, -1.0)
+        rows, near = np.flatnonzero(found.over < 0), found.near
+        over, places = found.over[rows], self.points[near[rows]]
+        if self._contains is None:
+            return rows, over, places
+        unsure = np.flatnonzero(over + balls[rows, 3] < NEXT_TO)
+        lost = checked[found.over[checked] >= 0]
+        looked_up = np.concatenate([rows[unsure], lost])
+        inside = self._contains(balls[looked_up, :3])
+        centers, normals = balls[rows[unsure], :3], self._surface.normals[near[rows[unsure]]]
+        sign = np.where(inside[: len(unsure)], 1.0, -1.0)
         height = np.einsum("ij,ij->i", places[unsure] - centers, normals)
         plain = (height * sign > 0) & (np.abs(height) < NEXT_TO)
-        result, far = over.copy(), np.where(plain, height, sign * np.abs(depth[unsure]))
-        result[unsure] = np.minimum(far - balls[unsure, 3], 0.0)
+        far = np.abs(over[unsure] + balls[rows[unsure], 3])
+        far = np.where(plain, height, sign * far)
+        over[unsure] = np.minimum(far - balls[rows[unsure], 3], 0.0)
         places[unsure[plain]] = (centers + height[:, None] * normals)[plain]
-        return result, places
+        lost = lost[~inside[len(unsure) :]]
+        far, near = self.nearest(balls[lost, :3])
+        rows = np.concatenate([rows, lost])
+        over = np.concatenate([over, -far - balls[lost, 3]])
+        return rows, over, np.concatenate([places, self.points[self._place[near]]])
 
     def overshoot(self, balls: FloatArray, known: Overshoot | None = None) -> Lookup[Overshoot]:
         """Look up by how much balls (q, 4) stick out; `known` was found before they moved.
@@ -366,6 +376,7 @@ class Fit:
             self.lattice_row, self.lattice = (
                 np.concatenate(pair) for pair in zip(_lattice(self.rows), watched, strict=True)
             )
+        self._centers = np.flatnonzero(self.lattice.max(axis=1) == 1.0)
         self._corners = np.where(self.rows < 0, 0, self.rows)[self.lattice_row]
         self._known: Overshoot | None = None
         self._tree: Tree | None = None
@@ -401,8 +412,7 @@ class Fit:
         inner = distance[len(self.target.rows) :]
         within = self.target.within
         inner[:] = within[:, 4] * np.maximum(inner + within[:, 3], 0.0)
-        out = np.flatnonzero(found.over < 0)
-        over, places = self.target.bounds.sure(between[out], found.over[out], found.near[out])
+        out, over, places = self.target.bounds.out_of(between, found, self._centers)
         samples = len(self.target.rows)
         return Residuals(samples, distance, row, shares, over, out, places)
 

@@ -12,6 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, choice, length, whole
@@ -65,9 +66,13 @@ EARLY = 0.5  # halved 83 %, doubled 88 %
 KEPT_BACK = 0.02
 """Share of many balls that is added where the first fit is worst."""
 
-MANY = 1000  # halved 0 %, doubled 0 %
-"""More balls than this are fitted with few steps: they are near already. Their sheets stay whole,
-with even triangles; with fewer balls, merging across seams leaves smaller errors."""
+MANY = 600
+"""More balls than this have whole sheets with even triangles; with fewer balls, merging across
+seams leaves smaller errors."""
+
+CLOSELY, MORE_KEPT_BACK, CLOSE_ROUNDS = 1000, 0.15, 4
+"""Up to so many of them are looked at closely; the share that is added where that is worst, and in
+how many rounds. More are fitted with few steps: they are near already."""
 
 OFF = 1e-3
 """Diagonals: so far, at most, flipped edges are from those before."""
@@ -192,7 +197,7 @@ class Search:
         if exact:
             return exact
         if self.balls > MANY:
-            return self._many()
+            return self._closely() if self.balls <= CLOSELY else self._many()
         start, _ = self.base.sequence.level(self.balls)
         if quality == "fast":
             return self._fitted(start, self._all, "fast").mesh
@@ -213,7 +218,22 @@ class Search:
 
     def _fitted(self, start: Complex, target: Target, plan: str, damping: float = DAMPING) -> Fit:
         """Fit a complex by one of the plans."""
+        start = start if self.balls > MANY else self._mended(start)
         return Fit(start, target, damping, self._still).run(PLANS[plan])
+
+    def _mended(self, start: Complex) -> Complex:
+        """Return a complex with the fine balls next to them in the place of balls outside.
+
+        Nothing pulls at a ball that is outside altogether: the samples near it are those of others.
+        """
+        base, balls = self.base, start.balls
+        outside = np.flatnonzero(~base.solid.contains(balls[:, :3]))
+        lost = outside[base.bounds.nearest(balls[outside, :3])[0] > balls[outside, 3]]
+        if len(lost) == 0:
+            return start
+        balls, fine = balls.copy(), base.fine.balls
+        balls[lost] = fine[kd_tree(fine[:, :3]).query(balls[lost, :3])[1]]
+        return Complex(balls, start.edges, start.faces)
 
     def _measured(
         self,
@@ -273,6 +293,22 @@ class Search:
         target = self._with_worst(found.mesh, found.target.within)
         return replace(found, target=target)
 
+    def _closely(self) -> Complex:
+        """Fit many balls; those kept back come round by round where a close look tells."""
+        start, _ = self.base.sequence.level(self.balls - int(MORE_KEPT_BACK * self.balls))
+        fit = self._fitted(evened(start, OFF), self._all, "many")
+        for left in range(CLOSE_ROUNDS, 0, -1):
+            self.progress.update(0.8 - 0.2 * left)
+            found = self._look(fit)
+            again = Fit(fit.mesh, found.target, DAMPING, self._still, found.watched)
+            faults = faults_of(again, self.base.own)
+            places = found.target.within[len(self._all.within) :]
+            faults = Fault.joined([faults, self.base.hollows.faults(places)])
+            missing = self.balls - len(fit.mesh)
+            now = refined_at_once(fit.mesh, faults, -(-missing // left))
+            fit = self._fitted(now, found.target, "more")
+        return self._last(fit.mesh).mesh
+
     def _many(self) -> Complex:
         """Fit many balls; some are kept back, and come where all candidates tell that it is off."""
         start, _ = self.base.sequence.level(self.balls - int(KEPT_BACK * self.balls))
@@ -301,7 +337,8 @@ class Search:
         best = now = self._look(Fit(start, self._all, DAMPING, self._still))
         since = 0
         for k in range(LAST):
-            fit = Fit(now.mesh, now.target, DAMPING, self._still, now.watched)
+            start = self._mended(now.mesh)
+            fit = Fit(start, now.target, DAMPING, self._still, now.watched)
             now = self._look(fit.run(PLANS["last" if k else "close"]))
             since = 0 if now.error < GAIN * best.error else since + 1
             best = min(best, now, key=lambda one: one.error)
@@ -497,7 +534,7 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
         with progress.stage("collapse", 0.7, 1.0):
             start, samples = Complex(fine.balls, fine.edges, fine.faces), fine.samples
             hold = EVEN_HOLD if whole else HOLD
-            least = MANY if whole and not is_round(solid, fine) else 1
+            least = int(MANY * (1 - MORE_KEPT_BACK)) if whole and not is_round(solid, fine) else 1
             planes = planes_of(samples, fine.balls, fine.pole, roof, touched, hold)
             sequence, bounds = run_together(
                 lambda: collapse(start, planes, least, whole=whole),
