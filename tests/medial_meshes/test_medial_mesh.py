@@ -392,3 +392,13 @@ def test_betti_numbers_of_a_torus_surface():
     shape = torus_mesh(12, 8)
     found = betti_numbers(shape.point_count, shape.edges.astype(np.int64), shape.faces.astype(int))
     assert found == (1, 2, 1)
+
+
+def test_an_inside_that_lies_nowhere_near_is_refused_with_a_sentence():
+    """A fifth of a sphere, the rest of which is open; half of one is closed."""
+    ball = icosphere(2)
+    height = ball.points[ball.faces].mean(axis=1)[:, 2]
+    caps = [medialis.make_shape(ball.points, ball.faces[height > z]) for z in (0.6, 0.0)]
+    with pytest.raises(InvalidShapeError, match=r"off by \d+ % of the diagonal"):
+        medialis.medial_mesh(caps[0], balls=20, samples=1000, quality="fast")
+    assert len(medialis.medial_mesh(caps[1], balls=20, samples=1000, quality="fast"))

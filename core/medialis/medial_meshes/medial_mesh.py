@@ -41,6 +41,10 @@ from medialis.medial_meshes.roofs import planes_of as planes_of_faces
 from medialis.medial_meshes.sampling import Solid, take_samples, without_holes
 from medialis.shape.shape import Shape
 
+UNCLEAR = 0.4
+"""Diagonals: an envelope of an open mesh that is farther from it tells nothing of the shape; one
+that closes half a sphere is 0.33 off."""
+
 ENOUGH = 0.75
 """Share of the vertices of a polyhedron's structure from which on balls are placed on that: fewer
 are better placed freely."""
@@ -454,7 +458,7 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
     Raises
     ------
     InvalidShapeError
-        For a cloud, and for a mesh that encloses nothing.
+        For a cloud, a mesh that encloses nothing, and an open one where what is inside is unclear.
 
     See Also
     --------
@@ -492,6 +496,11 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
             found = _smallest(base, options, progress)
         else:
             found = _useful(base, options, progress)
+    if not base.solid.whole and (far := base.error(found)) > UNCLEAR:
+        raise InvalidShapeError(
+            "The mesh is open, and what is inside is not clear: the envelope would be off by "
+            f"{100 * far:.0f} % of the diagonal. Close the holes first."
+        )
     samples = base.fine.samples
     fewer = LateCollapse(lambda: coarser(samples, found, base.roof).placed(scale, middle))
     wanted, count = options.balls, len(found)
