@@ -80,20 +80,43 @@ def check(found, diagonal, error=ERROR):
         assert (np.unique(sides, axis=0, return_counts=True)[1] == 2).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("inner", "height", "unit"), [(0.8, 1.0, 1.0), (0.4, 0.5, 1000.0)])
-def test_a_hollow_cylinder_keeps_its_hole(inner, height, unit):
+@pytest.fixture(scope="module")
+def ring():
+    """A hollow cylinder, in metres, and its pieces."""
+    points, faces = prism((circle(0.1, 24), circle(0.07, 24)), 0.1)
+    shape = medialis.make_shape(points, faces, unit="m")
+    return shape, medialis.run("convex_pieces", shape, error=ERROR)
+
+
+def keeps_its_hole(pieces, radius, error):
     """No piece comes nearer to the axis than the polygon of the hole, but for the error."""
-    points, faces = prism((circle(1.0, 24), circle(inner, 24)), height)
-    placed, back = turned(points, unit)
+    least = min(outline_distance(points[:, :2]) for points in pieces)
+    return least >= radius * np.cos(np.pi / 24) - error
+
+
+@pytest.mark.slow
+def test_a_hollow_cylinder_keeps_its_hole(ring):
+    shape, result = ring
+    layer, told = result.layers[0], result.values
+    far = (told[name] for name in ("pieces_to_surface", "surface_to_pieces", "volume_ratio"))
+    labels = layer.attributes["piece"], layer.face_attributes["piece"]
+    found = medialis.ConvexPieces(layer.points, layer.faces, *labels, *far)
+    check(found, shape.diagonal)
+    pieces = [found.piece(number)[0] for number in range(len(found))]
+    assert keeps_its_hole(pieces, 0.07, ERROR * shape.diagonal)
+    assert 3 <= len(found) == told["pieces"] <= 12
+
+
+@pytest.mark.slow
+def test_a_flat_ring_keeps_its_hole_turned_and_in_another_unit():
+    points, faces = prism((circle(1.0, 24), circle(0.4, 24)), 0.5)
+    placed, back = turned(points, 1000.0)
     shape = medialis.make_shape(placed, faces)
     found = medialis.convex_pieces(shape, error=ERROR)
     check(found, shape.diagonal)
-    apothem = inner * np.cos(np.pi / 24)
-    for number in range(len(found)):
-        away = outline_distance(back(found.piece(number)[0])[:, :2])
-        assert away >= apothem - ERROR * shape.diagonal / unit
-    assert 3 <= len(found) <= 12
+    pieces = [back(found.piece(number)[0]) for number in range(len(found))]
+    assert keeps_its_hole(pieces, 0.4, ERROR * shape.diagonal / 1000.0)
+    assert 3 <= len(found) <= 8
 
 
 @pytest.mark.slow
@@ -121,14 +144,12 @@ def test_what_is_convex_is_one_piece():
 
 
 @pytest.mark.slow
-def test_one_piece_is_the_hull_and_is_warned_of():
-    points, faces = prism((circle(1.0, 12), circle(0.7, 12)), 0.5)
+def test_one_piece_is_the_hull_and_is_warned_of(ring):
     progress = medialis.Progress()
-    shape = medialis.make_shape(points, faces)
-    found = medialis.convex_pieces(shape, pieces=1, error=0.1, progress=progress)
+    found = medialis.convex_pieces(ring[0], pieces=1, error=0.1, progress=progress)
     assert len(found) == 1
     assert [m.code for m in progress.messages if m.code == "more_pieces"]
-    assert found.pieces_to_surface > 0.5  # the middle of the hole is 0.68 away
+    assert found.pieces_to_surface > 0.045  # places in the hole are 0.05 from the nearest wall
 
 
 def test_points_left_out_of_a_hull_lie_near_it():
@@ -150,9 +171,9 @@ def test_a_cloud_is_refused():
 def written(tmp_path_factory):
     """The files of a cup, in millimetres."""
     folder = tmp_path_factory.mktemp("cup") / "out"
-    points, faces = cup(100.0, 150.0, 20.0, 16)
+    points, faces = cup(100.0, 150.0, 20.0, 12)
     shape = medialis.make_shape(points, faces, unit="mm")
-    result = medialis.run("convex_pieces", shape, error=0.05)
+    result = medialis.run("convex_pieces", shape, error=0.07)
     pictures = medialis.Pictures(main=False)
     manifest = medialis.write_result(result, folder, pictures=pictures)
     return result, folder, manifest
@@ -216,15 +237,13 @@ def dropped(folder, radius, height, seconds=1.5):
 def test_in_mujoco_a_ball_rests_on_the_floor_of_a_cup(written):
     """The floor is at 0.02 m; the ball of 0.04 m fits into the cup of 0.08 m."""
     height = dropped(written[1], 0.04, 0.3)
-    assert height == pytest.approx(0.06, abs=0.05 * 0.32)
+    assert height == pytest.approx(0.06, abs=0.07 * 0.32)
 
 
 @pytest.mark.slow
-def test_in_mujoco_a_ball_falls_through_a_hole(tmp_path):
-    points, faces = prism((circle(0.1, 24), circle(0.07, 24)), 0.1)
-    shape = medialis.make_shape(points, faces, unit="m")
-    result = medialis.run("convex_pieces", shape, error=ERROR)
+def test_in_mujoco_a_ball_falls_through_a_hole(ring, tmp_path):
+    shape, result = ring
     medialis.write_result(result, tmp_path / "out", pictures=medialis.Pictures(main=False))
-    hole = 0.07 * np.cos(np.pi / 24) - ERROR * result.shape.diagonal
+    hole = 0.07 * np.cos(np.pi / 24) - ERROR * shape.diagonal
     height = dropped(tmp_path / "out", 0.95 * hole, 0.3)
     assert height == pytest.approx(-1.0 + 0.95 * hole, abs=0.01)

@@ -405,7 +405,7 @@ def _few(cut: _Cut, options: ConvexPiecesOptions, progress: Progress) -> list[Hu
                 break
         else:
             break
-        error *= LOOSER
+        error *= LOOSER if options.pieces > 1 else np.inf
     else:
         hulls = [Hull.of(thinned(cut.corners.reshape(-1, 3), THINNED * cut.error))]
     if error > options.error:
@@ -413,7 +413,7 @@ def _few(cut: _Cut, options: ConvexPiecesOptions, progress: Progress) -> list[Hu
             f"More than {counted(options.pieces, 'piece')} would be needed for an error of "
             f"{100 * options.error:.3g} % of the size: pieces stick out farther."
         )
-        progress.warn(text, "more_pieces", pieces=options.pieces, error=error)
+        progress.warn(text, "more_pieces", pieces=options.pieces)
     return hulls
 
 
