@@ -130,8 +130,8 @@ def test_tables_have_the_columns_of_treeqsm_in_metres(result, tmp_path):
 
 @pytest.mark.slow
 def test_a_larger_tree_turned_and_scaled(tmp_path):
-    """25 limbs of radii down to 0.05, some side by side, half an edge of the mesh to the radius."""
-    seed, limbs, cell, scale = 13, 25, 0.08, 80.0
+    """15 limbs of radii down to 0.05, two side by side, half an edge of the mesh to the radius."""
+    seed, limbs, cell, scale = 13, 15, 0.08, 80.0
     known = known_tree(seed, limbs, orders=1)
     turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))

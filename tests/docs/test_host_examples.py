@@ -28,7 +28,7 @@ def example(name):
     return module
 
 
-@pytest.mark.parametrize("name", [*NAMES, "thickness_check.FCMacro"])
+@pytest.mark.parametrize("name", [*NAMES, "thickness_check.FCMacro", "wall_check.FCMacro"])
 def test_examples_are_short_and_are_python(name):
     text = (EXAMPLES / name).read_text("utf-8")
     assert len(text.splitlines()) < LONGEST

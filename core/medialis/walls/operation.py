@@ -553,11 +553,12 @@ def _note_limits(
         text = f"Walls are to be {low} to {high} thick."
     if options.material != NONE:
         text += f" What is not given is usual for {options.material}, injection moulded."
-    process = options.process if options.process != NONE else "the process"
+    process = "" if options.process == NONE else options.process.replace("_", " ")
     if options.rules:
-        text += f" What is not given stands in {Path(options.rules).name}, for {process}."
-    elif options.process != NONE:
-        text += f" What is not given is usual for {process.replace('_', ' ')}."
+        named = f", for {process}" if process else ""
+        text += f" What is not given stands in {Path(options.rules).name}{named}."
+    elif process:
+        text += f" What is not given is usual for {process}."
     told: dict[str, Any] = {"minimum": check.minimum, "material": options.material}
     told |= {"process": options.process, "rules": options.rules}
     progress.note(text, "wall_limits", **told)
