@@ -1,9 +1,10 @@
 """How much curve skeletons change when a shape is told otherwise, and trees with known axes.
 
     python benchmarks/stability.py MESH ...     # turned, scaled, remeshed, coarse, noisy, holed
+    python benchmarks/stability.py MESH ... --fields   # thickness and parts of the same copies
     python benchmarks/stability.py --trees 10   # trees of swept balls, as they are and coarser
 
-Two tables in Markdown. Meshes of more than 30,000 faces are decimated to so many first, by
+Tables in Markdown. Meshes of more than 30,000 faces are decimated to so many first, by
 pymeshlab, as are coarse copies.
 """
 
@@ -14,7 +15,7 @@ import time
 
 import numpy as np
 from stability_suite.changes import changes, decimated
-from stability_suite.measures import along, hausdorff, tree_row
+from stability_suite.measures import along, hausdorff, rand_index, tree_row, values_at
 from stability_suite.trees import grown_tree, meshed
 
 import medialis
@@ -22,6 +23,9 @@ import medialis
 MOST_FACES = 30_000
 COARSE = (20_000, 5_000, 2_000)
 """Faces of copies of trees."""
+
+FIELDS = ("thickness", "parts")
+"""Operations, and arrays of theirs."""
 
 TREES = (
     *((5, 0.3, 0), (8, 0.2, 0), (12, 0.15, 0), (15, 0.12, 0), (20, 0.12, 0), (25, 0.1, 0)),
@@ -35,9 +39,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("paths", nargs="*")
     parser.add_argument("--trees", type=int, default=0)
+    parser.add_argument("--fields", action="store_true")
     given = parser.parse_args()
     if given.paths:
-        print_changes(given.paths)
+        (print_fields if given.fields else print_changes)(given.paths)
     if given.trees:
         print_trees(given.trees)
 
@@ -50,10 +55,7 @@ def graph_of(shape: medialis.Shape) -> medialis.CurveSkeleton:
 def print_changes(paths: list[str]) -> None:
     """Print how ends and places of graphs change, over all meshes."""
     found: dict[str, list[tuple[bool, bool, float]]] = {name: [] for name in changes()}
-    for path in paths:
-        shape = medialis.read_shape(path)
-        if shape.face_count > MOST_FACES:
-            shape = decimated(shape, MOST_FACES)
+    for shape in map(read, paths):
         graph = graph_of(shape)
         places, ends = along(graph), len(graph.end_points)
         for name, (change, scale, turn) in changes().items():
@@ -71,6 +73,39 @@ def print_changes(paths: list[str]) -> None:
         far = [row[2] for row in rows]
         most = f"{np.median(far):.1f} / {max(far):.1f}"
         print(f"| {name} | {ends} of {len(rows)} | {loops} of {len(rows)} | {most} |")
+
+
+def read(path: str) -> medialis.Shape:
+    """Return a mesh of not too many faces."""
+    shape = medialis.read_shape(path)
+    return decimated(shape, MOST_FACES) if shape.face_count > MOST_FACES else shape
+
+
+def print_fields(paths: list[str]) -> None:
+    """Print how thickness and parts change at the vertices of the given meshes."""
+    found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in changes()}
+    for shape in map(read, paths):
+        thick, part = fields_at(shape, shape.points)
+        for name, (change, scale, turn) in changes().items():
+            other, label = fields_at(change(shape), scale * shape.points @ turn.T)
+            off = 100 * np.abs(other / scale / thick - 1)
+            row = float(np.median(off)), float(np.quantile(off, 0.99)), rand_index(part, label)
+            found[name].append(row)
+    print(
+        "| change | thickness: median, in the median / worst, % | 99 of 100 places, % | "
+        "parts: Rand index, median / worst |\n|---|---|---|---|"
+    )
+    for name, rows in found.items():
+        usual, most, same = np.array(rows).T
+        print(
+            f"| {name} | {np.median(usual):.2f} / {usual.max():.1f} | "
+            f"{np.median(most):.1f} / {most.max():.0f} | {np.median(same):.3f} / {same.min():.3f} |"
+        )
+
+
+def fields_at(shape: medialis.Shape, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return thickness and part at the samples that are nearest to places."""
+    return tuple(values_at(medialis.run(name, shape), name, places) for name in FIELDS)
 
 
 def print_trees(count: int) -> None:

@@ -29,6 +29,23 @@ def hausdorff(one: np.ndarray, other: np.ndarray) -> float:
     return float(max(there.max(), back.max()))
 
 
+def values_at(result: medialis.Result, name: str, places: np.ndarray) -> np.ndarray:
+    """Return what an array of a result has at the samples nearest to places."""
+    return np.asarray(result.arrays[name])[cKDTree(result.shape.points).query(places)[1]]
+
+
+def rand_index(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the share of pairs that two partitions (n,) agree about."""
+    rows, columns = (np.unique(labels, return_inverse=True)[1] for labels in (one, other))
+    table = np.zeros((rows.max() + 1, columns.max() + 1))
+    np.add.at(table, (rows, columns), 1)
+    together, mine, theirs, every = (
+        float((counts * (counts - 1) / 2).sum())
+        for counts in (table, table.sum(axis=1), table.sum(axis=0), np.array([len(one)]))
+    )
+    return 1.0 - (mine + theirs - 2 * together) / every
+
+
 def tree_row(graph: medialis.CurveSkeleton, tree: Tree) -> dict[str, float]:
     """Compare a graph with the known axis.
 
