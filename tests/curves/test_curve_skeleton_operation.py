@@ -36,6 +36,7 @@ def test_layers_and_values(result, creature):
         "importance",
         "branch",
         "degree",
+        "persistence",
     }
     # Four legs, head, tail and two ears.
     assert values["end_points"] == 8
