@@ -160,8 +160,8 @@ OPERATION = Operation(
         Format("obj", _write_obj, "pieces"),
     ),
     examples=(
-        ("bracket.ply --error 3%", "pieces that leave the holes of a bracket open"),
-        ("bracket.ply -o few --pieces 6", "at most 6 pieces, whatever their error"),
+        ("creature.ply --error 3%", "pieces that keep its limbs apart"),
+        ("creature.ply -o rough --error 10%", "fewer pieces, for a rough shape"),
     ),
     layers={"convex_pieces": "the pieces as closed meshes, with the number of each"},
     order=66,

@@ -350,9 +350,10 @@ class _Cut:
         far = LEVEL * error
         on = np.concatenate([self.middles[:, None], self.corners[:, :3]], axis=1)
         places = (on + far * self.normals[:, None]).reshape(-1, 3)
+        cells = np.floor(places / (APART * min(SIDE, FINER * self.error**0.5))).astype(np.int64)
+        keys = (cells - cells.min(axis=0)) @ np.array([1 << 40, 1 << 20, 1])
+        places = places[np.unique(keys, return_index=True)[1]]
         places = places[self.tree.distances(places)[0] > far * (1.0 - 1e-3)]
-        cells = np.floor(places / (APART * min(SIDE, FINER * self.error**0.5)))
-        places = places[np.sort(np.unique(cells, axis=0, return_index=True)[1])]
         grid, away = self.grid
         return np.concatenate([places, grid[(away > error) & (away < error + 2.0 * GRID)]])
 
