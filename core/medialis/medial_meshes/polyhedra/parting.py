@@ -31,8 +31,8 @@ from medialis.shape.surface import piece_labels
 SAMPLES, SEEDS = 5000, 3
 """Samples, and how many draws of them are tried."""
 
-MOST_CORNERS = 1000
-"""Of a polyhedron."""
+MOST_FACES, MOST_CORNERS = 60, 1000
+"""Of a polyhedron: bodies of more flat faces are mostly coarse meshes of what is round."""
 
 SMALL, HANGING = 3.0, 3.0
 """Spacings: pieces of sheets at a rim that are no larger were cut off by a corner; so were those up
@@ -148,12 +148,12 @@ class Structure:
 def structure_of(solid: Solid, seed: int, most: int = MOST_CORNERS) -> Structure | None:
     """Return the medial axis of a polyhedron without handles that is not convex; None for others.
 
-    None also for those of more than `most` corners.
+    None also for those of more than 60 faces, or of more than `most` corners.
     """
     facets = Facets.of(solid)
     if facets is None or not facets.reflex.any() or solid.betti != (1, 0, 0):
         return None
-    if len(facets.corners[0]) > most:
+    if len(facets) > MOST_FACES or len(facets.corners[0]) > most:
         return None
     for draw in range(SEEDS):
         samples = take_samples(solid, SAMPLES, seed + 1000 * draw)
