@@ -99,7 +99,7 @@ def test_a_hollow_cylinder_keeps_its_hole(ring):
     shape, result = ring
     layer, told = result.layers[0], result.values
     far = (told[name] for name in ("pieces_to_surface", "surface_to_pieces", "volume_ratio"))
-    labels = layer.attributes["piece"], layer.face_attributes["piece"]
+    labels = layer.attributes["piece"], layer.face_attributes["piece_of_face"]
     found = medialis.ConvexPieces(layer.points, layer.faces, *labels, *far)
     check(found, shape.diagonal)
     pieces = [found.piece(number)[0] for number in range(len(found))]
@@ -183,7 +183,7 @@ def written(tmp_path_factory):
 def test_each_file_has_each_piece_in_metres(written):
     result, folder, manifest = written
     layer, count = result.layers[0], result.values["pieces"]
-    assert 2 <= count == len(np.unique(layer.face_attributes["piece"]))
+    assert 2 <= count == len(np.unique(layer.face_attributes["piece_of_face"]))
     robot = ElementTree.parse(folder / "convex_pieces.urdf").getroot()
     files = [mesh.get("filename") for mesh in robot.findall("link/collision/geometry/mesh")]
     assert len(files) == count and {str(folder / name) for name in files} < set(manifest["files"])

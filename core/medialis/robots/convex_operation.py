@@ -41,7 +41,7 @@ def run(shape: Shape, options: ConvexPiecesRun, progress: Progress) -> Outcome:
         found.points,
         found.faces,
         attributes={"piece": found.of_points},
-        face_attributes={"piece": found.of_faces},
+        face_attributes={"piece_of_face": found.of_faces},
         color_by="piece",
         labels=("piece",),
         role="shape",
@@ -78,7 +78,7 @@ def _parts(result: Result, scale: float | None = None) -> list[Part]:
     assert layer.faces is not None
     unit = result.shape.unit
     factor = (METERS[unit] if unit else 1.0) if scale is None else scale
-    own, of_faces = layer.attributes["piece"], layer.face_attributes["piece"]
+    own, of_faces = layer.attributes["piece"], layer.face_attributes["piece_of_face"]
     found = []
     for number in range(int(own.max()) + 1):
         rows = np.flatnonzero(own == number)
