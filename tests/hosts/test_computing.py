@@ -141,7 +141,7 @@ def test_a_module_that_is_missing_is_named(tmp_path, shape, capfd, module, sente
     path = os.pathsep.join([str(tmp_path / "first"), *sys.path])
     computer = Computer(tmp_path / "exchange", {"PYTHONPATH": path})
     with pytest.raises(medialis.MedialisError, match=re.escape(sentence)):
-        finished(begin(computer, shape))
+        finished(begin(computer, shape, "curve_skeleton"))  # `thickness` does without scipy
     computer.end()
     assert "Traceback" in capfd.readouterr().err
     assert list((tmp_path / "exchange").iterdir()) == []
