@@ -93,3 +93,13 @@ def test_a_default_run_takes_at_most_25_lines(name, default_run):
     about["seconds"] |= {"total": 1.0}
     for width in (60, 80, 100, None):
         assert len(list(summary_lines(about, width))) <= 25, width
+
+
+def test_files_with_numbers_are_one_line():
+    names = [f"convex_pieces_piece_{k}.obj" for k in range(12)]
+    manifest = {"operation": "convex_pieces", "files": [*names, "convex_pieces.urdf"],
+                "picture": None, "layers": []}  # fmt: skip
+    told = dict(display._files(manifest))
+    assert told.pop("convex_pieces_piece_0.obj ...") == "12 pieces, for the URDF file"
+    assert list(told) == ["convex_pieces.urdf"]
+    assert display.file_meanings(manifest)[names[3]] == "a piece, for the URDF file"

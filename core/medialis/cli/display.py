@@ -304,14 +304,24 @@ def file_meanings(manifest: Mapping[str, Any]) -> dict[str, str]:
     return found
 
 
+SERIES = {
+    "turntable_": "{} views all round",
+    "convex_pieces_piece_": "{} pieces, for the URDF file",
+}
+"""What files with numbers in their names are together, by how these begin."""
+
+
 def _files(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Give names and meanings; many pictures of a turntable are one line."""
-    views = [name for name in file_meanings(manifest) if name.startswith("turntable_")]
-    for name, meaning in file_meanings(manifest).items():
-        if name not in views:
+    """Give names and meanings; many files of a series are one line."""
+    meanings, seen = file_meanings(manifest), set()
+    for name, meaning in meanings.items():
+        series = next((one for one in SERIES if name.startswith(one)), None)
+        if series is None:
             yield name, meaning
-        elif name == views[0]:
-            yield f"{views[0]} ...", f"{len(views)} views all round"
+        elif series not in seen:
+            seen.add(series)
+            count = sum(other.startswith(series) for other in meanings)
+            yield f"{name} ...", SERIES[series].format(count)
 
 
 def _meaning(name: str, layers: Mapping[str, str]) -> str:
@@ -319,6 +329,8 @@ def _meaning(name: str, layers: Mapping[str, str]) -> str:
     path = Path(name)
     if path.suffix == ".ply":
         return layers.get(path.stem, "")
+    if name.startswith("convex_pieces_piece_"):
+        return "a piece, for the URDF file"
     known = (name, "".join(path.suffixes), path.suffix)
     return next((FILES[one] for one in known if one in FILES), "")
 
