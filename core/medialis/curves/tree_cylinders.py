@@ -1,6 +1,6 @@
 """Cylinders of a tree: trunk, branches and twigs along a curve skeleton, each with its parent.
 
-1. `rooted`: loops are cut at their thinnest edge, and the graph hangs from its root: the end$
+1. `rooted`: loops are cut at their thinnest edge, and the graph hangs from its root: the end
    nearest to a place, or the lowest thick one.
 2. `_limbs`: from the root up. At a fork the thickest branch goes on, of those that are about as
    thick the straightest; the others are limbs of the next order. Thick is what a branch is beyond
