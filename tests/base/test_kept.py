@@ -322,11 +322,12 @@ def test_balls_and_geodesics_are_computed_once_for_all_operations(creature, monk
             medialis.run("thickness", copy_of(creature), refine=0.02, threshold=threshold)
             medialis.run("skeleton_mesh", copy_of(creature), importance=threshold)
         medialis.run("surface_skeleton", creature, subsample=0.02)
-        assert (len(shrunk), len(traced), len(joined)) == (1, 2, 1)  # fans are traced apart
+        # Thickness has balls of its own: its tolerance turns with the shape. Fans are traced apart.
+        assert (len(shrunk), len(traced), len(joined)) == (2, 2, 1)
         medialis.run("skeleton_importance", creature, tolerance=1e-3)
-        assert (len(shrunk), len(traced), len(joined)) == (2, 3, 2)
+        assert (len(shrunk), len(traced), len(joined)) == (3, 3, 2)
         medialis.run("skeleton_importance", creature, directions=4)
-        assert (len(shrunk), len(traced), len(joined)) == (2, 4, 3)
+        assert (len(shrunk), len(traced), len(joined)) == (3, 4, 3)
 
 
 def test_results_are_held_by_whoever_holds_them_not_by_the_memory_alone(creature):

@@ -99,7 +99,8 @@ def test_files_with_numbers_are_one_line():
     names = [f"convex_pieces_piece_{k}.obj" for k in range(12)]
     manifest = {"operation": "convex_pieces", "files": [*names, "convex_pieces.urdf"],
                 "picture": None, "layers": []}  # fmt: skip
-    told = dict(display._files(manifest))
+    assert len(dict(display._files(manifest, verbose=True))) == 13
+    told = dict(display._files(manifest, verbose=False))
     assert told.pop("convex_pieces_piece_0.obj ...") == "12 pieces, for the URDF file"
     assert list(told) == ["convex_pieces.urdf"]
     assert display.file_meanings(manifest)[names[3]] == "a piece, for the URDF file"

@@ -237,7 +237,7 @@ def summary_lines(
     yield from lines
     folder = Path(manifest["files"][0]).parent
     yield f"{len(manifest['files'])} files in {folder}, {manifest['seconds']['total']:.1f} seconds:"
-    files = [*_files(manifest)]
+    files = [*_files(manifest, verbose)]
     room = len(files) if verbose else max(MOST_LINES - len(lines) - 1, FEWEST_FILES)
     shown = files if len(files) <= room else files[: room - 1]
     yield from _indented(_shortened(_aligned(shown), columns - 2))
@@ -311,12 +311,12 @@ SERIES = {
 """What files with numbers in their names are together, by how these begin."""
 
 
-def _files(manifest: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Give names and meanings; many files of a series are one line."""
+def _files(manifest: Mapping[str, Any], verbose: bool) -> Iterator[tuple[str, str]]:
+    """Give names and meanings; many files of a series are one line, but for --verbose."""
     meanings, seen = file_meanings(manifest), set()
     for name, meaning in meanings.items():
         series = next((one for one in SERIES if name.startswith(one)), None)
-        if series is None:
+        if series is None or verbose:
             yield name, meaning
         elif series not in seen:
             seen.add(series)
