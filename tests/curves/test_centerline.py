@@ -8,8 +8,9 @@ import pytest
 
 import closed_forms as forms
 import medialis
+from medialis.base.box_tree import NearestTree
 from medialis.base.progress import Progress
-from medialis.curves.centerline import Centerlines, tracts
+from medialis.curves.centerline import Centerlines, joined, tracts
 from medialis.curves.sections import sections
 from tubes import FORK, arc, distance_to, segment, tube
 
@@ -141,6 +142,17 @@ def test_lines_part_without_a_kink(fork):
         along = np.diff(layer.points[line], axis=0)
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         assert (along[1:] * along[:-1]).sum(axis=1).min() > np.cos(np.radians(15.0))
+
+
+def test_a_line_without_a_length_is_joined():
+    """It ends in the ball where another one begins: that was a division by zero (fixed)."""
+    points, faces = swept(LINE, 1.0)
+    tree = NearestTree.of_triangles(points, np.asarray(faces, np.int32))
+    way = np.array([[2.0, 0, 0], [2.5, 0, 0], [3.0, 0, 0]])
+    found = joined([way, way[[0, 0]]], tree)
+    assert [len(line) for line in found.lines] == [3, 2]
+    assert np.array_equal(found.points[found.lines[1]], way[[0, 0]])
+    assert np.abs(found.radii - 0.99).max() < 0.01
 
 
 def test_pieces_are_numbered_as_vmtk_does():

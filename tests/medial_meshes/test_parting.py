@@ -5,7 +5,7 @@ import pytest
 
 import medialis
 from medialis.base.arrays import polylines
-from medialis.medial_meshes.polyhedra.parting import structure_of
+from medialis.medial_meshes.polyhedra.parting import facets_to_part, structure_of
 from medialis.medial_meshes.polyhedra.walls import Facets
 from medialis.medial_meshes.sampling import Solid
 from true_structure import SHAPES, mesh_of, numbers, solid_of
@@ -79,7 +79,7 @@ def test_the_oracle_agrees_with_the_numbers_above():
 def test_any_number_of_balls_has_all_sheets_and_seams(name):
     """Turned; all balls are inside and touch."""
     solid = solid_in_diagonals(shape_of(name, turn_of(3)))
-    found = structure_of(solid, 0)
+    found = structure_of(solid, facets_to_part(solid), 0)
     assert found.mesh(8) is None
     for count in (100, 1600):
         mesh = medialis.MedialMesh.of(found.mesh(count))

@@ -30,6 +30,7 @@ from medialis.base.arrays import (
     rows_at,
     unit_rows,
 )
+from medialis.base.box_tree import NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, Positions
@@ -325,18 +326,18 @@ class Centerlines(Described):
     lines: tuple[Index, ...]
 
 
-def joined(paths: list[FloatArray], radii: list[FloatArray]) -> Centerlines:
+def joined(paths: list[FloatArray], surface: NearestTree) -> Centerlines:
     """Let lines from the same place share their points as long as they run together.
 
     Over the last radius before they part, a line goes over from the one it shares to its own way,
     so that neither has a kink.
     """
-    points, widths = [paths[0]], [radii[0]]
+    points = [paths[0]]
     lines = [np.arange(len(paths[0]))]
     total = len(paths[0])
-    for path, radius in zip(paths[1:], radii[1:], strict=True):
-        known = np.concatenate(points)
-        step = float(np.linalg.norm(path[1] - path[0])) if len(path) > 1 else 0.0
+    for path in paths[1:]:
+        known, radius = np.concatenate(points), surface.distances(path)[0]
+        step = max(float(np.linalg.norm(path[1] - path[0])) if len(path) > 1 else 0.0, 1e-300)
         own, other, nearest = 0, lines[0], np.zeros(len(path), np.int64)
         for line in lines:
             away, beside = kd_tree(known[line]).query(path)
@@ -351,10 +352,10 @@ def joined(paths: list[FloatArray], radii: list[FloatArray]) -> Centerlines:
         led = beside + fade * fade * (3.0 - 2.0 * fade) * (path[parts:own] - beside)
         shared = int(nearest[parts - 1]) + 1 if parts else 0
         points.append(np.concatenate([led, path[own:]]))
-        widths.append(radius[parts:])
         lines.append(np.concatenate([other[:shared], total + np.arange(len(path) - parts)]))
         total += len(path) - parts
-    return Centerlines(np.concatenate(points), np.concatenate(widths), tuple(lines))
+    known = np.concatenate(points)
+    return Centerlines(known, surface.distances(known)[0], tuple(lines))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

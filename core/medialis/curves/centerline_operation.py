@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +153,7 @@ def _lines(
     assert surface.faces is not None
     rows = run_patiently(lambda: shortest(cloud, ends.rows[:begins], ends.rows[begins:]), progress)
     tree = NearestTree.of_triangles(surface.points, surface.faces)
-    paths, radii = [], []
+    paths = []
     for number, path in enumerate(rows):
         first = ends.middles[int(np.flatnonzero(ends.rows[:begins] == path[0])[0])]
         last = ends.middles[begins + number]
@@ -162,10 +162,8 @@ def _lines(
         line = centered(cloud, np.concatenate(inside), fixed, progress.still)
         line = resampled(line, options.step * surface.diagonal, MOST_PLACES)
         paths.append(line)
-        radii.append(tree.distances(line)[0])
         progress.update((number + 1) / len(rows))
-    found = joined(paths, radii)
-    return replace(found, radii=tree.distances(found.points)[0])
+    return joined(paths, tree)
 
 
 def _tangents(found: Centerlines) -> FloatArray:

@@ -132,8 +132,7 @@ def measure(solid: Solid, envelope: Envelope) -> EnvelopeDistance:
         points = NearestTree.of_balls(boundary, np.zeros(len(boundary)))
         nearest = points.distances(places[within])[0]
         far[within] = np.minimum(nearest, way_out(envelope, places[within]))
-    tree = NearestTree.of_triangles(solid.points, np.asarray(solid.faces[solid.walls], np.int32))
-    back = tree.distances(boundary)[0] if len(boundary) else np.zeros(1)
+    back = solid.wall_tree.distances(boundary)[0] if len(boundary) else np.zeros(1)
     place = places[far.argmax()]
     if back.max() > far.max():
         place = boundary[back.argmax()]

@@ -26,7 +26,11 @@ from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
 from medialis.medial_meshes.fins import creased, finless, is_round, on_reflex_edges, useful
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Target, Watched
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
-from medialis.medial_meshes.polyhedra.parting import Structure, structure_of
+from medialis.medial_meshes.polyhedra.parting import (
+    Structure,
+    facets_to_part,
+    structure_of,
+)
 from medialis.medial_meshes.refining import (
     APART,
     NEARLY_WORST,
@@ -561,13 +565,15 @@ def _structure(
     shape: Shape, solid: Solid, options: MedialMeshOptions, progress: Progress
 ) -> Structure | None:
     """Return the exact medial axis of a polyhedron that is not convex, where balls can show it."""
-    most = options.balls
+    facets = kept(facets_to_part, shape, (), lambda: facets_to_part(solid), progress)
+    if facets is None or len(facets.corners[0]) > options.balls:
+        return None
 
     def work() -> Structure | None:
         with progress.stage("complex", 0.0, 0.5):
-            return structure_of(solid, options.seed, most)
+            return structure_of(solid, facets, options.seed)
 
-    return kept(_structure, shape, (options.seed, most), work, progress)
+    return kept(_structure, shape, (options.seed,), work, progress)
 
 
 def _solid(shape: Shape, progress: Progress) -> tuple[Solid, Roof | None]:

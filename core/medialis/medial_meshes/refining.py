@@ -12,13 +12,11 @@ also find what is covered by other parts.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from medialis.base.arrays import Index, kd_tree
-from medialis.base.box_tree import NearestTree
 from medialis.base.validation import FloatArray
 from medialis.medial_meshes.distances import boundary_points
 from medialis.medial_meshes.envelope import Envelope
@@ -253,7 +251,7 @@ class Hollows:
         """
         envelope, least = Envelope.of(given), CLOSE * off
         places, _ = boundary_points(envelope, HOLLOWS_LOOKED_AT)
-        far = self._walls.distances(places, enough=least)[0]
+        far = self.solid.wall_tree.distances(places, enough=least)[0]
         places, far = places[far > least], far[far > least]
         inside = self.solid.contains(places)
         out = np.flatnonzero(~inside)
@@ -272,12 +270,6 @@ class Hollows:
         lean = np.clip(lean, LEAST_LEAN, 1.0)
         within = np.column_stack([places, depth * lean, 1.0 / lean])
         return Found(within, (row, shares), largest)
-
-    @cached_property
-    def _walls(self) -> NearestTree:
-        """The faces of the solid."""
-        faces = np.asarray(self.solid.faces[self.solid.walls], np.int32)
-        return NearestTree.of_triangles(self.solid.points, faces)
 
     def _from_above(
         self, envelope: Envelope, outside: FloatArray, off: float
@@ -301,7 +293,8 @@ class Hollows:
                 break
         met = np.flatnonzero((left < MET * off) & (gone < most) & (gone > CLOSE * off))
         places = points[met] - gone[met, None] * normals[met]
-        return places, normals[met], np.minimum(gone[met], self._walls.distances(places)[0])
+        away = self.solid.wall_tree.distances(places)[0]
+        return places, normals[met], np.minimum(gone[met], away)
 
     def faults(self, places: FloatArray) -> Fault:
         """Return faults at such places, each with the fine ball nearest to it."""

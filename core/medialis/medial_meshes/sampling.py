@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.arrays import Index, Mask
+from medialis.base.box_tree import NearestTree
 from medialis.base.threads import run_chunks, run_together
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.medial_meshes.envelope import box_tree
@@ -105,6 +106,11 @@ class Solid:
         within = self.contains(middles - BESIDE * normals)
         parting = within != self.contains(middles + BESIDE * normals)
         return np.asarray(parting if parting.any() else ~parting)
+
+    @cached_property
+    def wall_tree(self) -> NearestTree:
+        """The same faces, for distances to them."""
+        return NearestTree.of_triangles(self.points, np.asarray(self.faces[self.walls], np.int32))
 
     @cached_property
     def corners(self) -> Index:

@@ -8,7 +8,7 @@ which keeps those of the shape.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -65,7 +65,7 @@ def run(shape: Shape, options: ConvexPiecesRun, progress: Progress) -> Outcome:
             "piece_table": table,
         },
         arrays={"piece": found.of_faces},
-        extras={"pieces": layer},
+        extras={"pieces": (layer, found)},
     )
 
 
@@ -74,17 +74,12 @@ Part = tuple[str, FloatArray, IntArray]
 
 def _parts(result: Result, scale: float | None = None) -> list[Part]:
     """Return name, points and faces of each piece, in metres or scaled."""
-    layer: Layer = result.extras["pieces"]
-    assert layer.faces is not None
+    layer, found = result.extras["pieces"]
+    placed = replace(found, points=layer.points)
     unit = result.shape.unit
     factor = (METERS[unit] if unit else 1.0) if scale is None else scale
-    own, of_faces = layer.attributes["piece"], layer.face_attributes["piece_of_face"]
-    found = []
-    for number in range(int(own.max()) + 1):
-        rows = np.flatnonzero(own == number)
-        faces = layer.faces[of_faces == number] - np.int32(rows[0])
-        found.append((f"piece_{number}", factor * layer.points[rows], faces))
-    return found
+    parts = enumerate(map(placed.piece, range(len(placed))))
+    return [(f"piece_{number}", factor * points, faces) for number, (points, faces) in parts]
 
 
 def _write_urdf(path: Path, result: Result, new: Callable[[str], Path]) -> None:

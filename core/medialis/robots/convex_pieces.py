@@ -339,12 +339,6 @@ class _Cut:
         found.neighbours = _neighbours(found)
         return found
 
-    @cached_property
-    def tree(self) -> NearestTree:
-        """Of the surface."""
-        faces = np.asarray(self.solid.faces[self.solid.walls], np.int32)
-        return NearestTree.of_triangles(self.solid.points, faces)
-
     def shell(self, error: float) -> FloatArray:
         """Return places that lie outside, about as far away as hulls may stick out."""
         far = LEVEL * error
@@ -353,7 +347,7 @@ class _Cut:
         cells = np.floor(places / (APART * min(SIDE, FINER * self.error**0.5))).astype(np.int64)
         keys = (cells - cells.min(axis=0)) @ np.array([1 << 40, 1 << 20, 1])
         places = places[np.unique(keys, return_index=True)[1]]
-        places = places[self.tree.distances(places)[0] > far * (1.0 - 1e-3)]
+        places = places[self.solid.wall_tree.distances(places)[0] > far * (1.0 - 1e-3)]
         grid, away = self.grid
         return np.concatenate([places, grid[(away > error) & (away < error + 2.0 * GRID)]])
 
@@ -364,7 +358,7 @@ class _Cut:
         steps = [np.arange(a + 0.5 * GRID, b, GRID) for a, b in zip(low, high, strict=True)]
         grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
         grid = grid[~self.solid.contains(grid)]
-        return grid, self.tree.distances(grid)[0]
+        return grid, self.solid.wall_tree.distances(grid)[0]
 
     def too_far(self, group: _Group, shell: FloatArray) -> bool:
         """Tell whether a group sticks out by more than the error."""
@@ -374,7 +368,7 @@ class _Cut:
     def beyond(self, hull: Hull, error: float) -> FloatArray:
         """Return places of a hull that stick out by more than an error."""
         places = hull.places
-        places = places[self.tree.distances(places)[0] > error]
+        places = places[self.solid.wall_tree.distances(places)[0] > error]
         return places[~self.solid.contains(places)]
 
 
@@ -513,7 +507,7 @@ def _sticking_out(cut: _Cut, hulls: list[Hull]) -> float:
     grid, away = cut.grid
     inside = np.unique(np.concatenate([hull.rows(grid) for hull in hulls]))
     places = np.concatenate([hull.places for hull in hulls])
-    on_hulls = cut.tree.distances(places[~cut.solid.contains(places)])[0]
+    on_hulls = cut.solid.wall_tree.distances(places[~cut.solid.contains(places)])[0]
     return float(max(away[inside].max(initial=0.0), on_hulls.max(initial=0.0)))
 
 

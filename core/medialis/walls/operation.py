@@ -537,9 +537,9 @@ def _verdict(check: WallCheck, most_ratio: float) -> tuple[str, bool]:
 def _note_limits(
     check: WallCheck, limits: WallLimits, options: WallCheckRun, shape: Shape, progress: Progress
 ) -> None:
-    unit, nothing = shape.unit, limits.minimum is None and limits.maximum is None
+    unit = shape.unit
     low, high = with_unit(check.minimum, unit), with_unit(check.maximum, unit)
-    if nothing:
+    if limits.minimum is None and limits.maximum is None:
         text = (
             f"No limit was given: {low} to {high} were taken, {LEAST_SHARE:g} and "
             f"{LARGEST_SHARE:g} times the typical wall of {with_unit(check.typical, unit)}. Say "

@@ -56,6 +56,15 @@ balls is off by 0.37 % with it, by 0.75 with ten times as much; with a tenth it 
 triangles have a quality of 0.47 in the mean instead of 0.59."""
 
 
+SIDES = np.array([[0, 1], [0, 2], [1, 2]])
+"""Corners of a triangle at the ends of its sides."""
+
+
+def _sides(faces: Index) -> Index:
+    """Return the ends of all sides of triangles, (3 f, 2), ascending."""
+    return np.asarray(np.sort(faces[:, SIDES].reshape(-1, 2), axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class _Parted:
     """Balls (v, 4), edges and triangles between them.
@@ -94,15 +103,14 @@ class _Parted:
     @property
     def sides(self) -> tuple[Index, Index, Index]:
         """Return the sides of triangles by their ends: an order, where each begins, how many."""
-        ends = np.sort(self.faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
-        keys = ends @ [len(self.balls), 1]
+        keys = _sides(self.faces) @ [len(self.balls), 1]
         order = np.argsort(keys, kind="stable")
         _, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)
         return order, starts, counts
 
     def ends_of(self, sides: Index) -> Index:
         """Return the ends of sides of triangles, (s, 2)."""
-        columns = np.array([[0, 1], [0, 2], [1, 2]])[sides % 3]
+        columns = SIDES[sides % 3]
         return np.asarray(self.faces[sides[:, None] // 3, columns])
 
 
@@ -145,16 +153,20 @@ class Structure:
         return replace(given, balls=balls)
 
 
-def structure_of(solid: Solid, seed: int, most: int = MOST_CORNERS) -> Structure | None:
-    """Return the medial axis of a polyhedron without handles that is not convex; None for others.
+def facets_to_part(solid: Solid) -> Facets | None:
+    """Return the faces of a polyhedron without handles that is not convex; None for others.
 
-    None also for those of more than 60 faces, or of more than `most` corners.
+    None also for those of more than 60 faces, or of more than 1,000 corners.
     """
     facets = Facets.of(solid)
     if facets is None or not facets.reflex.any() or solid.betti != (1, 0, 0):
         return None
-    if len(facets) > MOST_FACES or len(facets.corners[0]) > most:
-        return None
+    few = len(facets) <= MOST_FACES and len(facets.corners[0]) <= MOST_CORNERS
+    return facets if few else None
+
+
+def structure_of(solid: Solid, facets: Facets, seed: int) -> Structure | None:
+    """Return the medial axis of the polyhedron of `facets_to_part`; None where it is not found."""
     for draw in range(SEEDS):
         samples = take_samples(solid, SAMPLES, seed + 1000 * draw)
         samples = samples.with_more(*on_reflex_edges(solid, samples.spacing))
@@ -258,8 +270,7 @@ def _wrong_edges(now: _Parted, facets: Facets) -> Index:
 def _rim(now: _Parted | Complex) -> Mask:
     """Tell which vertices lie on free sides of triangles, (v,)."""
     count = len(now.balls)
-    ends = np.sort(now.faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
-    keys, uses = np.unique(ends @ [count, 1], return_counts=True)
+    keys, uses = np.unique(_sides(now.faces) @ [count, 1], return_counts=True)
     free = keys[uses == 1]
     result = np.zeros(count, bool)
     result[free // count] = result[free % count] = True
@@ -354,9 +365,8 @@ def _bent(now: _Parted, facets: Facets) -> _Parted:
         placed, touched = facets.placed(middle[split, :3], own[split])
         touched |= facets.distances(placed[:, :3]) < placed[:, 3:] + OUT
         faces, pair = _cut(now.faces, now.pair, new[which.reshape(-1, 3)])
-        sides = np.sort(faces[:, [[0, 1], [0, 2], [1, 2]]].reshape(-1, 2), axis=1)
         now = _Parted(
-            np.concatenate([now.balls, placed]), np.unique(sides, axis=0), faces,
+            np.concatenate([now.balls, placed]), np.unique(_sides(faces), axis=0), faces,
             np.concatenate([now.touched, touched]), pair,
         )  # fmt: skip
     return now

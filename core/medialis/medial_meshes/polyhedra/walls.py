@@ -115,12 +115,7 @@ class Facets:
         within = (crosses & (at > foot[:, None, x])).sum(axis=1) % 2 == 1
         out = np.flatnonzero(~within)
         if len(out):
-            way = b - a
-            share = np.einsum("qsk,sk->qs", places[out, None] - a, way)
-            share = np.clip(share / np.einsum("sk,sk->s", way, way), 0.0, 1.0)
-            there = a + share[..., None] * way
-            far = np.linalg.norm(there - places[out, None], axis=2)
-            foot[out] = there[np.arange(len(out)), far.argmin(axis=1)]
+            foot[out] = _on_segments(own, places[out])
         return np.linalg.norm(places - foot, axis=1), foot
 
     def distances(self, places: FloatArray) -> FloatArray:
