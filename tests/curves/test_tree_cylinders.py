@@ -1,6 +1,7 @@
 """Cylinders of trees whose limbs are known: volume, order, parents, angles, and their tables."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from medialis.curves.tree_cylinders import (
     nearest_end,
     rooted,
 )
+from medialis.curves.tree_operation import write_branches
 from trees import known_tree, meshed
 
 # What each program asks of a table: rTwig knows TreeQSM's by these four.
@@ -126,6 +128,21 @@ def test_tables_have_the_columns_of_treeqsm_in_metres(result, tmp_path):
     assert [int(one["order"]) for one in limbs] == sorted(one.order for one in KNOWN)
     litres = sum(float(one["volume"]) for one in limbs)
     assert litres == pytest.approx(result.values["volume"] / 1000)  # a litre has 1000 cm^3
+
+
+def test_height_and_azimuth_are_those_of_the_axis_that_points_up(result, tmp_path):
+    """They took z for up whatever was said (fixed)."""
+    tree = result.extras["cylinders"]
+    for up, axes in (("z", [0, 1, 2]), ("y", [1, 2, 0]), ("x", [2, 0, 1])):
+        turned = replace(tree, starts=tree.starts[:, axes], leaving=tree.leaving[:, axes])
+        shape = replace(result.shape, points=result.shape.points[:, axes], up=up)
+        path = tmp_path / up
+        write_branches(path, replace(result, shape=shape, extras={"cylinders": turned}))
+        rows = list(csv.DictReader(path.read_text("utf-8").splitlines()))
+        heights = (tree.starts[tree.first, 2] - tree.starts[0, 2]) / 100
+        assert [float(row["height"]) for row in rows] == pytest.approx(heights)
+        azimuths = np.degrees(np.arctan2(tree.leaving[:, 1], tree.leaving[:, 0]))
+        assert [float(row["azimuth"]) for row in rows] == pytest.approx(azimuths)
 
 
 @pytest.mark.slow

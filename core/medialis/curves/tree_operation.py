@@ -212,14 +212,15 @@ def write_branches(path: Path, result: Result) -> None:
     """Write a line for each limb, with the columns of TreeQSM: metres, litres, degrees."""
     tree, metre = _in_metres(result)
     first, parents = tree.first, tree.parents[tree.first]
-    x, y, _ = tree.leaving.T
+    up = "xyz".index(result.shape.up or "z")
+    x, y = (tree.leaving[:, (up + axis) % 3] for axis in (1, 2))
     columns: dict[str, NDArray[Any]] = {
         "order": tree.orders[first],
         "parent": np.where(parents < 0, 0, tree.branches[parents] + 1),
         "volume": _sums(tree.branches, tree.volumes) * metre**3 * LITRES,
         "length": _sums(tree.branches, tree.lengths) * metre,
         "angle": np.nan_to_num(np.degrees(tree.angles)),
-        "height": (tree.starts[first, 2] - tree.starts[0, 2]) * metre,
+        "height": (tree.starts[first, up] - tree.starts[0, up]) * metre,
         "azimuth": np.degrees(np.arctan2(y, x)),
         "diameter": 2.0 * tree.radii[first] * metre,
     }
