@@ -69,7 +69,7 @@ from medialis.base.cache_folder import kernel_cache
 count = lambda: sum(1 for _ in kernel_cache().rglob("*.nbi"))
 assert is_needed("smooth")
 seen = []
-compile_ahead("smooth", medialis.Progress(lambda fraction, text: seen.append(fraction)))
+compile_ahead(["smooth"], medialis.Progress(lambda fraction, text: seen.append(fraction)))
 assert not is_needed("smooth") and seen == sorted(seen) and seen[-1] > 0.5, seen
 shape = medialis.organic_shape(56)
 before = count()
@@ -97,7 +97,7 @@ def test_cancelling_ends_the_helpers(tmp_path, monkeypatch):
     cache_folder.kernel_cache.cache_clear()
     try:
         with pytest.raises(medialis.Cancelled):
-            compile_ahead.compile_ahead("thickness", medialis.Progress(lambda *_: False))
+            compile_ahead.compile_ahead(["thickness"], medialis.Progress(lambda *_: False))
         assert compile_ahead.is_needed("thickness")
         assert not compile_ahead.is_needed("no such operation")
     finally:

@@ -421,14 +421,16 @@ def _formats(options: argparse.Namespace) -> tuple[str, ...]:
 
 def _compile_first(names: list[str], progress: Progress) -> None:
     """Compile what operations need, on all processors, where nothing was made ahead of time."""
+    from medialis.base.progress import counted
     from medialis.hosts.compile_ahead import compile_ahead, is_needed, seconds_needed
 
-    for name in filter(is_needed, names):
+    if needed := list(filter(is_needed, names)):
         import_module("medialis.base.compiling")  # raises here where numba cannot be loaded
-        about = seconds_needed(name)
-        say(f"Compiling {name} for its first run, once: about {about:.0f} s.", file=sys.stderr)
+        what = needed[0] if len(needed) == 1 else counted(len(needed), "operation")
+        about = f"about {seconds_needed(needed):.0f} s"
+        say(f"Compiling {what} for the first run, once: {about}.", file=sys.stderr)
         with progress.stage("compile", 0.0, 0.0):
-            compile_ahead(name, progress)
+            compile_ahead(needed, progress)
 
 
 def _compute(
@@ -730,22 +732,15 @@ def _describe(options: argparse.Namespace) -> int:
 
 
 def _warmup(options: argparse.Namespace) -> int:
-    from medialis.operations.registry import OPERATIONS, run
-    from medialis.shape.generate import organic_shape
-    from medialis.shape.samples import sample_shape
-    from medialis.show.picture import draw_result
-
-    clock = time.perf_counter()
-    creature, progress = organic_shape(56), shown_progress(options.progress)
-    for place, entry in enumerate(OPERATIONS):
-        span = place / len(OPERATIONS), (place + 1) / len(OPERATIONS)
-        with progress.stage(entry.name, *span):
-            given: dict[str, Any] = {"subsample": 0.01} if entry.name == "surface_skeleton" else {}
-            shape = creature if entry.sample == "creature" else sample_shape(entry.sample)
-            result = run(entry.name, shape, progress=progress, **given)
-            draw_result(result, width=320, height=240)
+    """Compile what all operations need, on all processors, where nothing was made ahead of time."""
     from medialis.base.cache_folder import kernel_cache, mark_compiled
+    from medialis.base.jit import record
 
+    if record():
+        say("The kernels were made ahead of time: there is nothing to compile.")
+        return EXIT_OK
+    clock = time.perf_counter()
+    _compile_first([named.name for named in named_operations()], shown_progress(options.progress))
     mark_compiled()
     say(f"Kernels ready in {time.perf_counter() - clock:.1f} s; cache: {kernel_cache()}")
     return EXIT_OK

@@ -18,6 +18,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Collection
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -59,26 +60,26 @@ def all_listed() -> tuple[Listed, ...]:
     return tuple(Listed(kernel, json.loads(words), names.split()) for kernel, names, words in lines)
 
 
-def listed(operation: str) -> list[Listed]:
-    """Return what an operation needs."""
-    return [one for one in all_listed() if operation in one.operations]
+def listed(*operations: str) -> list[Listed]:
+    """Return what some operations need."""
+    return [one for one in all_listed() if not set(operations).isdisjoint(one.operations)]
 
 
-def compile_ahead(operation: str, progress: Progress) -> None:
-    """Compile what an operation needs, if that was not done yet.
+def compile_ahead(operations: Collection[str], progress: Progress) -> None:
+    """Compile what some operations need, if that was not done yet.
 
     Raises
     ------
     Cancelled
         What was compiled so far stays.
     """
-    waiting = listed(operation)
+    waiting = listed(*operations)
     with suppress(OSError), tempfile.TemporaryDirectory() as turns:
         make_kernel_cache()
         helpers: list[subprocess.Popen[bytes]] = []
         try:
             count = min(thread_count(), MOST_PROCESSES, len(waiting))
-            helpers.extend(_helper(operation, turns) for _ in range(count))
+            helpers.extend(_helper(operations, turns) for _ in range(count))
             while any(helper.poll() is None for helper in helpers):
                 taken = sum(1 for _ in os.scandir(turns))
                 progress.update(taken / len(waiting))
@@ -87,7 +88,8 @@ def compile_ahead(operation: str, progress: Progress) -> None:
             for helper in helpers:
                 helper.kill()
                 helper.communicate()
-        _marker(operation).touch()
+        for operation in operations:
+            _marker(operation).touch()
 
 
 def is_needed(operation: str) -> bool:
@@ -95,18 +97,18 @@ def is_needed(operation: str) -> bool:
     return not record() and bool(listed(operation)) and not _marker(operation).is_file()
 
 
-def seconds_needed(operation: str) -> float:
+def seconds_needed(operations: Collection[str]) -> float:
     """Return about how long `compile_ahead` takes by the clock, from the number of kernels."""
-    return START + A_KERNEL * len(listed(operation)) / min(thread_count(), MOST_PROCESSES)
+    return START + A_KERNEL * len(listed(*operations)) / min(thread_count(), MOST_PROCESSES)
 
 
 def _marker(operation: str) -> Path:
     return kernel_cache() / f"ahead-{operation}-{sys.implementation.cache_tag}"
 
 
-def _helper(operation: str, turns: str) -> subprocess.Popen[bytes]:
+def _helper(operations: Collection[str], turns: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen(
-        [sys.executable, "-P", "-c", CODE, operation, turns],
+        [sys.executable, "-P", "-c", CODE, turns, *operations],
         stdin=subprocess.PIPE,  # it ends when this process is gone
         stdout=subprocess.DEVNULL,
         creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
@@ -114,10 +116,10 @@ def _helper(operation: str, turns: str) -> subprocess.Popen[bytes]:
 
 
 def take_turns() -> None:
-    """Compile what no other process has taken; arguments: the operation, and a folder of turns."""
-    operation, turns = sys.argv[1:]
+    """Compile what no other process has taken; arguments: a folder of turns, and operations."""
+    _, turns, *operations = sys.argv
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    for number, one in enumerate(listed(operation)):
+    for number, one in enumerate(listed(*operations)):
         try:
             os.close(os.open(Path(turns) / str(number), os.O_CREAT | os.O_EXCL))
         except OSError:

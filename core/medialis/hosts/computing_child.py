@@ -263,7 +263,7 @@ def compute(task: Task, host: Host) -> tuple[Shape, Result]:
     if is_needed(task.name):
         begin = SHARE_OF_COMPILING
         with progress.stage("compiling what the first run needs", 0.0, begin):
-            compile_ahead(task.name, progress)
+            compile_ahead([task.name], progress)
     with progress.stage("input", begin, begin + 0.1):
 
         def repaired() -> Shape:
