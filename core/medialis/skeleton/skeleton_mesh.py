@@ -213,7 +213,11 @@ def skeleton_mesh(
     chosen = options.min_spoke_angle, options.importance, options.bridge
     with progress.stage("skeleton mesh", 0.6, 1.0):
         mesh = kept(
-            _lift, cloud, chosen, lambda: _lift(cloud, selected, options.bridge, progress), progress
+            lifted,
+            cloud,
+            chosen,
+            lambda: lifted(cloud, selected, options.bridge, progress),
+            progress,
         )
     if options.smallest_piece > 0.0:
         return _without_small_pieces(mesh, options.smallest_piece * cloud.surface.diagonal)
@@ -240,8 +244,8 @@ def measured_importance(cloud: MedialCloud, options: Options, progress: Progress
     return connected_importance.of(importance, options, progress) if cloud.whole else importance
 
 
-def _lift(cloud: MedialCloud, selected: Mask, bridge: int, progress: Progress) -> SkeletonMesh:
-    """Mesh of all pieces, those of each side apart."""
+def lifted(cloud: MedialCloud, selected: Mask, bridge: int, progress: Progress) -> SkeletonMesh:
+    """Return the mesh of the selected balls, with all its pieces, those of each side apart."""
     parts = [(np.empty((0, 3), np.int32), np.empty(0, np.int32))]
     sides = [sign for sign in (1, -1) if (cloud.side == sign).any()]
     for turn, sign in enumerate(sides):
