@@ -198,11 +198,11 @@ def test_medial_points_are_drawn_as_the_skeleton_mesh():
     cloud = medialis.surface_skeleton(ORGANIC)
     limit = layer.filter_default  # the bridge closes the same gaps
     mesh = medialis.skeleton_mesh(cloud, min_spoke_angle=0.0, importance=limit, smallest_piece=0.0)
-    np.testing.assert_array_equal(layer.points[rows][drawn.faces], mesh.points[mesh.faces])
+    np.testing.assert_array_equal(drawn.sheets[0], mesh.points)
+    np.testing.assert_array_equal(drawn.sheets[1], mesh.faces)
     # What is not drawn by triangles lies away from them, and all of it is drawn.
-    corners = layer.points[rows][np.unique(drawn.faces)]
     alone = np.union1d(drawn.of_discs, drawn.of_balls)
-    gaps = np.linalg.norm(layer.points[rows][:, None] - corners, axis=2).min(axis=1)
+    gaps = np.linalg.norm(layer.points[rows][:, None] - mesh.points, axis=2).min(axis=1)
     assert np.array_equal(alone, np.flatnonzero(gaps > 3.0 * result.shape.spacing))
 
 
@@ -210,16 +210,16 @@ def test_medial_points_without_triangles_are_discs_and_balls():
     thin = medialis.run("surface_skeleton", ORGANIC, subsample=0.05)
     layer = thin.layers[0]
     drawn = medial_pieces(thin.shape, layer, np.arange(len(layer.points)))
-    assert len(drawn.faces) < len(drawn.of_discs) / 5
+    assert len(drawn.sheets[1]) < len(drawn.of_discs) / 5
     assert 0 < len(np.union1d(drawn.of_discs, drawn.of_balls)) <= len(layer.points)
     # Fans have several balls of one sample; clouds have no triangles.
     box = medialis.run("surface_skeleton", medialis.Shape(CUBE, CUBE, CUBE_FACES), side="both")
     layer = box.layers[0]
-    assert len(medial_pieces(box.shape, layer, np.arange(len(layer.points))).faces) > 100
+    assert len(medial_pieces(box.shape, layer, np.arange(len(layer.points))).sheets[1]) > 100
     cloud = medialis.run("surface_skeleton", medialis.Shape(ORGANIC.points, ORGANIC.normals))
     layer = cloud.layers[0]
     drawn = medial_pieces(cloud.shape, layer, np.arange(len(layer.points)))
-    assert len(drawn.faces) == 0 and len(drawn.of_discs) > 1000
+    assert len(drawn.sheets[1]) == 0 and len(drawn.of_discs) > 1000
 
 
 def test_numbers_are_short():

@@ -20,7 +20,7 @@ from medialis.base.validation import FloatArray
 from medialis.operations.result import Layer
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import BallStatus, MedialCloud
-from medialis.skeleton.skeleton_mesh import lifted
+from medialis.skeleton.skeleton_mesh import SkeletonMesh, lifted, with_clean_rims
 
 MEDIAL = {"feature_1", "feature_2", "radius", "source", "side", "spoke_angle"}
 """Attributes of points that are drawn as pieces of sheets."""
@@ -101,8 +101,10 @@ class MedialPieces(NamedTuple):
 
     Attributes
     ----------
-    faces : (t, 3) int32
-        Triangles between the points.
+    sheets : (p, 3) float64 and (t, 3) int32
+        Points and triangles of the sheets.
+    of_sheets : (p,) int
+        The medial point of each of their points.
     discs : (q, 3) float64 and (f, 3) int32
         Points and triangles of discs.
     of_discs : (f,) int
@@ -113,7 +115,8 @@ class MedialPieces(NamedTuple):
         The point of each.
     """
 
-    faces: NDArray[np.int32]
+    sheets: tuple[FloatArray, NDArray[np.int32]]
+    of_sheets: NDArray[np.int32]
     discs: tuple[FloatArray, NDArray[np.int32]]
     of_discs: Index
     centers: FloatArray
@@ -139,14 +142,14 @@ def medial_pieces(shape: Shape, layer: Layer, rows: Index) -> MedialPieces:
     >>> result = medialis.run("surface_skeleton", medialis.organic_shape(56))
     >>> layer = result.layers[0]
     >>> drawn = medial_pieces(result.shape, layer, np.flatnonzero(~layer.hidden))
-    >>> len(drawn.faces) > 1000, len(drawn.of_balls) < 100
+    >>> len(drawn.sheets[1]) > 1000, len(drawn.of_balls) < 100
     (True, True)
     """
     points = np.asarray(layer.points)[rows]
-    faces = _sheets(shape, layer, rows)
+    mesh = _sheets(shape, layer, rows)
     alone = np.arange(len(points))
-    if len(faces):
-        near = kd_tree(points[np.unique(faces)]).query(points)[0]
+    if len(mesh.faces):
+        near = kd_tree(mesh.points).query(points)[0]
         alone = np.flatnonzero(near > ON_SHEET * shape.spacing)
     first, second = (layer.attributes[f"feature_{k}"][rows[alone]] for k in (1, 2))
     axes = shape.points[first] - shape.points[second]
@@ -155,13 +158,14 @@ def medial_pieces(shape: Shape, layer: Layer, rows: Index) -> MedialPieces:
     radii = np.minimum(radii, 0.5 * layer.attributes["radius"][rows[alone]])
     discs = disc_mesh(points[alone[flat]], axes[flat], radii[flat])
     of_discs, of_balls = np.repeat(alone[flat], CORNERS - 2), alone[~flat]
-    return MedialPieces(faces, discs, of_discs, points[of_balls], radii[~flat] / 2, of_balls)
+    sheets = mesh.points, np.asarray(mesh.faces)
+    return MedialPieces(
+        sheets, mesh.rows, discs, of_discs, points[of_balls], radii[~flat] / 2, of_balls
+    )
 
 
-def _sheets(shape: Shape, layer: Layer, rows: Index) -> NDArray[np.int32]:
-    """Return the triangles of the sheets between these points."""
-    if shape.faces is None or not len(rows):
-        return np.zeros((0, 3), np.int32)
+def _sheets(shape: Shape, layer: Layer, rows: Index) -> SkeletonMesh:
+    """Return the sheets between these points."""
     known = {name: np.asarray(layer.attributes[name])[rows] for name in MEDIAL}
     features = np.stack([known["feature_1"], known["feature_2"]], axis=1)
     status = np.full(len(rows), BallStatus.OK, np.int8)
@@ -169,9 +173,10 @@ def _sheets(shape: Shape, layer: Layer, rows: Index) -> NDArray[np.int32]:
         np.asarray(layer.points)[rows], known["radius"], features, known["source"], status,
         known["spoke_angle"], known["side"], surface=shape,
     )  # fmt: skip
+    own = np.zeros(len(rows), np.bool_)
+    if shape.faces is None:
+        return SkeletonMesh.of_rows(cloud, np.empty((0, 3), np.int32), np.empty(0, np.int32), own)
     # The balls of fans come behind those of the samples.
     place = 2 * known["source"].astype(np.int64) + (known["side"] > 0)
-    own = np.zeros(len(rows), np.bool_)
     own[np.unique(place, return_index=True)[1]] = True
-    mesh = lifted(cloud, own, BRIDGE, Progress.of(None))
-    return mesh.rows[mesh.faces]
+    return with_clean_rims(lifted(cloud, own, BRIDGE, Progress.of(None)))

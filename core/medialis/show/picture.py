@@ -725,9 +725,13 @@ def _cloud_items(
 
     discs = Surface(*drawn.discs, per_face=True, smooth=False, **painted(drawn.of_discs))
     balls = Balls(drawn.centers, drawn.radii, **painted(drawn.of_balls))
-    sheets = Surface(points, drawn.faces, **colors)
-    sizes = len(drawn.faces), len(drawn.of_discs), len(drawn.of_balls)
-    return [item for item, count in zip((sheets, discs, balls), sizes, strict=True) if count]
+    sheets = Surface(*drawn.sheets, **painted(drawn.of_sheets))
+    items: tuple[tuple[Item, int], ...] = (
+        (sheets, len(drawn.sheets[1])),
+        (discs, len(drawn.of_discs)),
+        (balls, len(drawn.of_balls)),
+    )
+    return [item for item, count in items if count]
 
 
 def _shown_from(layer: Layer, color_by: str | None, unit: str | None) -> str:
