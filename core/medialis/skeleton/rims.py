@@ -11,7 +11,8 @@ slits remain. The **rim** are the edges of one triangle. Three things are done t
 2. *Teeth are cut off.* A triangle with two edges of the rim that meet at a sharp tip is dropped,
    `TEETH` times over, so that limbs lose no more than so many triangles at their tips.
 3. *Rims are smoothed.* Every point of the rim moves to a weighted mean of balls along the rim
-   (Taubin 1995: no shrinking), unless it would leave its own ball. The weights are kept
+   (Taubin 1995: no shrinking), unless it would leave the sheet outwards and its own ball. Where the
+   rim is known (`fixed`: creases, Y-curves) it stays. The weights are kept
    (`Blend`): radius and any other number of a point there are the same mean.
 
 All steps are array operations on the rim alone.
@@ -19,9 +20,10 @@ All steps are array operations on the rim alone.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 
 from medialis.base.arrays import EdgeTable, Index, Mask
@@ -71,17 +73,35 @@ class Rims(NamedTuple):
 
     Attributes
     ----------
-    faces : (t, 3) int64
-        Of the given ones those that stayed, in their order, then those that close gaps.
+    kept : (p,) int32
+        Rows of the given points that triangles still use.
+    faces : (t, 3) int32
+        Between these: of the given ones those that stayed, in their order, then those that close
+        gaps.
     origin : (t,) int64
         Row of the given face that each one is or lies beside.
     blend : Blend
-        Of the points that moved; rows are those of the given points.
+        Of the points that moved, the weights of given points.
     """
 
-    faces: Index
+    kept: IntArray
+    faces: IntArray
     origin: Index
     blend: Blend
+
+    def at_points(self, values: NDArray[Any]) -> FloatArray:
+        """Return numbers (n,) or (n, d) of the given points at these."""
+        known = np.asarray(values, np.float64)
+        return blended(known[self.kept], known, self.blend)
+
+
+def blended(given: FloatArray, values: FloatArray, blend: tuple[Any, ...]) -> FloatArray:
+    """Return what is given for each point, but for those of clean rims the mean of the values."""
+    points, rows, weights = blend
+    result = np.array(given)
+    result[points] = 0.0
+    np.add.at(result, points, weights.reshape(-1, *(1,) * (values.ndim - 1)) * values[rows])
+    return result
 
 
 class _Rim:
@@ -225,7 +245,9 @@ def covered(corners: FloatArray, radii: FloatArray) -> Mask:
     return meet & (flat | whole)
 
 
-def clean_rims(mesh: Surface, radii: FloatArray, spacing: FloatArray) -> Rims:
+def clean_rims(
+    mesh: Surface, radii: FloatArray, spacing: FloatArray, fixed: Mask | None = None
+) -> Rims:
     """Close gaps, cut teeth off and smooth the rims of a mesh between the centers of balls.
 
     Parameters
@@ -234,12 +256,22 @@ def clean_rims(mesh: Surface, radii: FloatArray, spacing: FloatArray) -> Rims:
         n points.
     radii, spacing : (n,) float64
         Of the balls, and of the samples near each.
+    fixed : (n,) bool, optional
+        Points that are where the rim truly is, such as creases and Y-curves: they stay.
     """
+    n = len(mesh.points)
+    fixed = np.zeros(n, np.bool_) if fixed is None else fixed
     rim = _Rim(mesh)
     added, beside = _closed(rim, radii, spacing)
-    given = np.flatnonzero(_without_teeth(rim))
+    given = np.flatnonzero(_without_teeth(rim, fixed))
     faces = np.concatenate([rim.faces[given], added])
-    return Rims(faces, np.concatenate([given, beside]), _smoothed(rim, radii))
+    blend = _smoothed(rim, radii, fixed)
+    used = np.zeros(n, np.bool_)
+    used[faces] = True
+    place, chosen = np.cumsum(used, dtype=np.int32) - 1, used[blend.points]
+    moved = Blend(place[blend.points[chosen]], blend.rows[chosen], blend.weights[chosen])
+    kept = frozen(np.flatnonzero(used), np.int32)
+    return Rims(kept, frozen(place[faces], np.int32), np.concatenate([given, beside]), moved)
 
 
 def _closed(rim: _Rim, radii: FloatArray, spacing: FloatArray) -> tuple[Index, Index]:
@@ -291,7 +323,7 @@ def _few(rim: _Rim) -> Mask:
     return ((size <= FEW) & (ends_on_seam == 0))[piece]
 
 
-def _without_teeth(rim: _Rim) -> Mask:
+def _without_teeth(rim: _Rim, fixed: Mask) -> Mask:
     """Cut sharp teeth off; return which of the given faces stay."""
     stays = np.ones(len(rim.faces), np.bool_)
     for _ in range(TEETH):
@@ -299,6 +331,7 @@ def _without_teeth(rim: _Rim) -> Mask:
         ratio, _ = rim.ratio(a, b, c)
         # A node with one face, which is that of its two edges and not one of those added.
         own = (rim.count[b] == 1) & (ratio >= SHARP) & (rim.count[a] > 1) & (rim.count[c] > 1)
+        own &= ~fixed[rim.point[b]]
         a, b, c, ratio = (x[own] for x in (a, b, c, ratio))
         face = rim.total[b]
         corners = np.stack([a, b, c], axis=1)
@@ -314,12 +347,13 @@ def _without_teeth(rim: _Rim) -> Mask:
     return stays
 
 
-def _smoothed(rim: _Rim, radii: FloatArray) -> Blend:
+def _smoothed(rim: _Rim, radii: FloatArray, fixed: Mask) -> Blend:
     """Return the weights of the given points at the smoothed ones."""
     n, point = len(rim.points), rim.point
     node, place = np.nonzero(rim.near >= 0)
     rows, columns = point[node], point[rim.near[node, place]]
     two = np.bincount(rows, minlength=n)[rows] == 2  # where rims touch or end, they stay
+    two &= ~fixed[rows]
     rows, columns = rows[two], columns[two]
     used = np.unique(np.concatenate([rows, columns]))
     place = np.full(n, -1, np.int64)
@@ -332,7 +366,11 @@ def _smoothed(rim: _Rim, radii: FloatArray) -> Blend:
     blend = sparse.eye_array(size, format="csr")
     for share in (INWARD, OUTWARD) * ROUNDS:
         blend = blend + share * (to_middle @ blend)
-    moved = _norm(blend @ rim.points[used] - rim.points[used]) <= radii[used]
+    step = blend @ rim.points[used] - rim.points[used]
+    towards = np.zeros((n, 3))
+    np.add.at(towards, point, rim.inward)
+    moved = _norm(step) <= radii[used]
+    moved |= np.einsum("ij,ij->i", step, towards[used]) > 0
     moved &= np.bincount(rows, minlength=size) > 0
     kept = blend.tocoo()
     chosen = moved[kept.coords[0]]

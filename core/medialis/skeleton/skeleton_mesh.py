@@ -8,7 +8,7 @@ until its two sides meet. `_ball_kernels.py` says how the two sides become one.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ from medialis.skeleton.importance.importance import (
     important_points,
 )
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.rims import Blend, clean_rims
+from medialis.skeleton.rims import blended, clean_rims
 from medialis.skeleton.surface_skeleton import as_cloud
 
 RADIUS_SLACK = 1.0  # halved 78 %, doubled < 0.1 %
@@ -56,7 +56,7 @@ class SkeletonMesh(Surface):
         Triangles; no two have the same three corners. Their orientation has no meaning.
     rows : (p,) int32
         Row of the medial cloud that each point is: ``cloud.radii[mesh.rows]`` and likewise for any
-        (k,) attribute. Of a point of a clean rim, a ball that it lies in (`at_points`).
+        (k,) attribute. Of a point of a clean rim, the ball that it was moved from (`at_points`).
     face_origin : (t,) int32
         Face of the surface from which each triangle was lifted; of one that closes a gap, a face
         beside it.
@@ -93,12 +93,8 @@ class SkeletonMesh(Surface):
         At points of clean rims, the weighted mean that the point itself is of centers.
         """
         known = np.asarray(values, np.float64)
-        result = known[self.rows]
-        if self.blend is not None:
-            points, rows, weights = self.blend
-            result[points] = 0.0
-            np.add.at(result, points, weights.reshape(-1, *(1,) * (known.ndim - 1)) * known[rows])
-        return result
+        own = known[self.rows]
+        return own if self.blend is None else blended(own, known, self.blend)
 
     @classmethod
     def of_rows(
@@ -262,17 +258,12 @@ def with_clean_rims(mesh: SkeletonMesh) -> SkeletonMesh:
         return mesh
     cloud, rows = mesh.cloud, mesh.rows
     spacing = local_spacing(cloud.surface)[cloud.source[rows]]
-    faces, origin, blend = clean_rims(mesh, cloud.radii[rows], spacing)
-    used = np.zeros(len(rows), np.bool_)
-    used[faces] = True
-    place = np.cumsum(used, dtype=np.int32) - 1
-    chosen = used[blend.points]
-    moved = Blend(place[blend.points[chosen]], rows[blend.rows[chosen]], blend.weights[chosen])
-    still = SkeletonMesh(
-        mesh.points[used], frozen(place[faces], np.int32), rows[used], mesh.face_origin[origin],
-        cloud=cloud, selected=mesh.selected, blend=moved,
+    rims = clean_rims(mesh, cloud.radii[rows], spacing)
+    points, given, weights = rims.blend
+    return SkeletonMesh(
+        rims.at_points(mesh.points), rims.faces, rows[rims.kept], mesh.face_origin[rims.origin],
+        cloud=cloud, selected=mesh.selected, blend=(points, rows[given], weights),
     )  # fmt: skip
-    return replace(still, points=still.at_points(cloud.centers))
 
 
 def require_faces(shape: Shape) -> None:
