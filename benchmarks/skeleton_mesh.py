@@ -51,10 +51,8 @@ def report(name: str, points: np.ndarray, faces: np.ndarray, seconds: float) -> 
 
 def main(paths: list[str]) -> None:
     """Compare on three closed forms and the given meshes."""
-    sys.path[:0] = [str(TESTS), str(TESTS / "mesh")]
-    from test_skeleton_mesh import elliptic_torus, spheroid
-
-    from closed_forms import box_mesh
+    sys.path[:0] = [str(TESTS)]
+    from closed_forms import box_mesh, elliptic_torus, spheroid
 
     cases = {
         "spheroid (1.767)": spheroid(),

@@ -345,3 +345,25 @@ def dumbbell(ball=1.0, bar=0.3, half=2.0, step=0.06):
     bar_z = np.linspace(-inner, inner, math.ceil(2 * inner / step))[1:-1]
     profile = np.concatenate([cap, np.column_stack([bar + 0 * bar_z, bar_z]), cap[::-1] * [1, -1]])
     return revolved(profile, around=round(2 * np.pi * ball / step / 1.5))
+
+
+def spheroid(levels=4):
+    """Semi-axes 1, 1, 1/2 with exact normals: the skeleton is a disc of radius 3/4."""
+    ball = icosphere(levels)
+    axes = np.array([1.0, 1.0, 0.5])
+    return Shape(ball.points * axes, unit(ball.points / axes), ball.faces)
+
+
+def elliptic_torus(around=160, across=48, major=1.0, p=0.3, q=0.12):
+    """An ellipse p (radial), q (along z) turned about z.
+
+    The nearest surface point of a point is in its half plane through the axis, where the surface is
+    the ellipse: the skeleton is the ring of the radii major -+ (p^2 - q^2)/p in the plane z = 0.
+    """
+    shape = torus_mesh(around, across, major, 0.3)
+    turn = np.arctan2(shape.points[:, 1], shape.points[:, 0])
+    ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    cos, sin = ((shape.normals * ring).sum(1), shape.normals[:, 2])
+    points = (major + p * cos)[:, None] * ring + (q * sin)[:, None] * [0, 0, 1.0]
+    normals = unit((cos / p)[:, None] * ring + (sin / q)[:, None] * [0, 0, 1.0])
+    return Shape(points, normals, shape.faces)

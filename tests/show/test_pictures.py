@@ -28,20 +28,19 @@ from medialis.show.colors import (
     to_linear,
     to_srgb,
 )
+from medialis.show.medial_points import disc_mesh, medial_pieces, sheet_discs
 from medialis.show.picture import (
     Balls,
     Curves,
     Points,
     Surface,
-    disc_mesh,
     draw,
-    lifted_faces,
-    sheet_discs,
 )
 from medialis.show.png import encode_png, reduced, write_png
 from medialis.show.raster import Style, corner_normals
 from png_files import read_png
 
+ORGANIC = medialis.organic_shape(56)
 CUBE = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 CUBE_FACES = np.array(
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -190,14 +189,37 @@ def test_discs_lie_in_sheets_and_leave_curves_alone():
     assert not sheet_discs(line[:2], round_a_curve[:2])[1].any()
 
 
-def test_faces_are_lifted_where_no_edge_is_too_long():
-    shape = medialis.Shape(CUBE, CUBE, CUBE_FACES)
-    source = np.arange(8)
-    every = lifted_faces(shape, source, 0.1 * CUBE, np.full(8, 1.0))
-    assert len(every) == 12
-    assert len(lifted_faces(shape, source, CUBE, np.full(8, 1.0))) == 0
-    some = lifted_faces(shape, source[:7], 0.1 * CUBE[:7], np.full(7, 1.0))
-    assert len(some) == (CUBE_FACES != 7).all(axis=1).sum()
+def test_medial_points_are_drawn_as_the_skeleton_mesh():
+    """Fixed: where sheets meet they were torn into white slits, and rims were rows of discs."""
+    result = medialis.run("surface_skeleton", ORGANIC, fans=False)
+    layer = result.layers[0]
+    rows = np.flatnonzero(~layer.hidden)
+    drawn = medial_pieces(result.shape, layer, rows)
+    cloud = medialis.surface_skeleton(ORGANIC)
+    limit = layer.filter_default  # the bridge closes the same gaps
+    mesh = medialis.skeleton_mesh(cloud, min_spoke_angle=0.0, importance=limit, smallest_piece=0.0)
+    np.testing.assert_array_equal(drawn.sheets[0], mesh.points)
+    np.testing.assert_array_equal(drawn.sheets[1], mesh.faces)
+    # What is not drawn by triangles lies away from them, and all of it is drawn.
+    alone = np.union1d(drawn.of_discs, drawn.of_balls)
+    gaps = np.linalg.norm(layer.points[rows][:, None] - mesh.points, axis=2).min(axis=1)
+    assert np.array_equal(alone, np.flatnonzero(gaps > 3.0 * result.shape.spacing))
+
+
+def test_medial_points_without_triangles_are_discs_and_balls():
+    thin = medialis.run("surface_skeleton", ORGANIC, subsample=0.05)
+    layer = thin.layers[0]
+    drawn = medial_pieces(thin.shape, layer, np.arange(len(layer.points)))
+    assert len(drawn.sheets[1]) < len(drawn.of_discs) / 5
+    assert 0 < len(np.union1d(drawn.of_discs, drawn.of_balls)) <= len(layer.points)
+    # Fans have several balls of one sample; clouds have no triangles.
+    box = medialis.run("surface_skeleton", medialis.Shape(CUBE, CUBE, CUBE_FACES), side="both")
+    layer = box.layers[0]
+    assert len(medial_pieces(box.shape, layer, np.arange(len(layer.points))).sheets[1]) > 100
+    cloud = medialis.run("surface_skeleton", medialis.Shape(ORGANIC.points, ORGANIC.normals))
+    layer = cloud.layers[0]
+    drawn = medial_pieces(cloud.shape, layer, np.arange(len(layer.points)))
+    assert len(drawn.sheets[1]) == 0 and len(drawn.of_discs) > 1000
 
 
 def test_numbers_are_short():

@@ -1,7 +1,7 @@
 """Pictures: what to draw, in which colours, with a title and a legend (thesis 3.4).
 
-Pictures of results (`draw_result`) show points of sheets as small discs: shaded like the surface
-that they sample.
+Pictures of results (`draw_result`) show medial points as the sheets that they lie on
+(`medial_points.py`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import unit_rows
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Kind, with_unit
 from medialis.base.progress import Progress, ProgressCallback
@@ -29,7 +28,6 @@ from medialis.base.validation import (
     frozen,
 )
 from medialis.operations.result import Layer, Outcome, quantity, value_text, value_words
-from medialis.shape.shape import Shape
 from medialis.show.annotation import (
     ColorBar,
     LabelKey,
@@ -52,6 +50,7 @@ from medialis.show.colors import (
     value_range,
 )
 from medialis.show.marks import draw_scale, scale_height, seen, write_texts
+from medialis.show.medial_points import MEDIAL, medial_pieces
 from medialis.show.png import encode_png
 from medialis.show.raster import BallLayer, MeshLayer, Style, as_radii, render_layers
 
@@ -434,92 +433,6 @@ def _legend_of(
     raise InvalidOptionError("A legend needs an item with values or labels; there is none.")
 
 
-NEIGHBOURS = 8
-"""Nearest points whose axes make the axis of a disc; the fourth of them is at its rim."""
-
-FLAT = 0.75
-"""Share of the squared axes that lies along their mean where the points are those of a sheet."""
-
-CORNERS = 7
-
-
-def sheet_discs(
-    points: FloatArray, axes: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_], FloatArray, FloatArray]:
-    """Return the radius of a disc at each point, where it lies in a sheet, its axis, and its reach.
-
-    The reach is the distance of the last near point.
-
-    Axes (p, 3) cross the sheet, either way round, zero where unknown; they are averaged over near
-    points. Points of curves, round which the axes turn, and lone ones are in no sheet.
-
-    Examples
-    --------
-    >>> x, y = (c.ravel() for c in np.mgrid[0:9, 0:9].astype(float))
-    >>> flat = np.stack([x, y, 0 * x], axis=1)
-    >>> radii, sheet, axes, reach = sheet_discs(flat, np.tile([0.0, 0.0, -2.0], (81, 1)))
-    >>> float(radii[40]), bool(sheet.all()), np.abs(axes[40]).tolist()
-    (1.0, True, [0.0, 0.0, 1.0])
-    """
-    from medialis.base.box_tree import nearest_others
-
-    if len(points) < 3:
-        none = np.zeros(len(points))
-        return none, none.astype(bool), np.zeros((len(points), 3)), none
-    units = unit_rows(axes)
-    near, distances = nearest_others(np.asarray(points, np.float64), NEIGHBOURS)
-    tensors = np.einsum("nki,nkj->nij", units[near], units[near])
-    tensors += np.einsum("ni,nj->nij", units, units)
-    sizes, directions = np.linalg.eigh(tensors)
-    total = sizes.sum(axis=1)
-    reach = distances[:, min(3, near.shape[1] - 1)]
-    middle = float(np.median(reach))
-    flat = (sizes[:, 2] >= FLAT * total) & (total > 0) & (reach <= 4 * middle)
-    radii = np.clip(reach, 0.5 * middle, 1.5 * middle)
-    return radii, flat, directions[:, :, 2], distances[:, -1]
-
-
-def disc_mesh(
-    points: FloatArray, axes: FloatArray, radii: FloatArray
-) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Return points and triangles of one regular polygon for each point, `CORNERS` - 2 triangles.
-
-    Triangles of disc i are the rows from i * (CORNERS - 2) on.
-    """
-    away = np.where(np.abs(axes[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = unit_rows(np.cross(axes, away))
-    second = np.cross(axes, first)
-    turn = np.arange(CORNERS) * (2 * np.pi / CORNERS)
-    rim = (
-        first[:, None] * np.cos(turn)[None, :, None] + second[:, None] * np.sin(turn)[None, :, None]
-    )
-    corners = points[:, None] + radii[:, None, None] * rim
-    fan = np.array([[0, k, k + 1] for k in range(1, CORNERS - 1)], np.int32)
-    start = np.arange(len(points), dtype=np.int32)[:, None, None] * np.int32(CORNERS)
-    return corners.reshape(-1, 3), (start + fan).reshape(-1, 3)
-
-
-def lifted_faces(
-    shape: Shape, source: NDArray[np.integer], points: FloatArray, longest: FloatArray
-) -> NDArray[np.int32]:
-    """Return the triangles of the shape whose corners are moved to their medial points.
-
-    `source` are the vertices that the points belong to; no edge is longer than `longest` of both
-    its ends, as it is where the corners belong to different sheets.
-    """
-    if shape.faces is None or len(points) == 0:
-        return np.zeros((0, 3), np.int32)
-    row = np.full(shape.point_count, -1, np.int32)
-    row[source[::-1]] = np.arange(len(source) - 1, -1, -1, dtype=np.int32)
-    faces = row[shape.faces]
-    faces = faces[(faces >= 0).all(axis=1)]
-    for k in range(3):
-        a, b = faces[:, k], faces[:, k - 1]
-        length = np.linalg.norm(points[a] - points[b], axis=1)
-        faces = faces[length <= np.minimum(longest[a], longest[b])]
-    return faces
-
-
 NEARBY = 0.1
 """Fraction of the diagonal: what lies further from the bounding box may leave the picture, so that
 a few large balls of an open surface do not make the shape small."""
@@ -531,9 +444,6 @@ IN_DEGREES = ("spoke_angle",)
 
 POWERS = {"length": "", "area": "²"}
 """What stands behind the unit of a quantity."""
-
-MEDIAL = {"feature_1", "feature_2", "radius", "source"}
-"""Attributes of points that are drawn as pieces of sheets."""
 
 
 def draw_result(
@@ -798,35 +708,30 @@ def _paint(
 def _cloud_items(
     result: Outcome, layer: Layer, rows: NDArray[np.intp], colors: dict[str, Any], width: int
 ) -> list[Item]:
-    """Return medial points as pieces of sheets, those of curves as balls, others as dots."""
+    """Return medial points as sheets, those of curves as balls, other points as dots."""
     points = layer.points[rows]
     if not layer.attributes.keys() >= MEDIAL:
         # Smaller dots for more points, so that sheets look like sheets and not like gravel.
         size = float(np.clip(width / np.sqrt(max(len(points), 1)) / 2, width / 600, width / 160))
         return [Points(points, size=size, **colors)]
-    first, second = (layer.attributes[f"feature_{k}"][rows] for k in (1, 2))
-    axes = result.shape.points[first] - result.shape.points[second]
-    radii, flat, axes, reach = sheet_discs(points, axes)
-    lifted = lifted_faces(result.shape, layer.attributes["source"][rows], points, 4 * reach)
-    covered = np.zeros(len(points), bool)
-    covered[lifted] = True
-    # A disc or ball stays well within the shape, as the medial ball of its point does.
-    radii, dots = np.minimum(radii, 0.5 * layer.attributes["radius"][rows]), ~flat
-    flat &= ~covered
-    corners, faces = disc_mesh(points[flat], axes[flat], radii[flat])
+    drawn = medial_pieces(result.shape, layer, rows)
 
-    def painted(chosen: NDArray[Any], repeat: int = 1) -> dict[str, Any]:
+    def painted(chosen: NDArray[Any]) -> dict[str, Any]:
         own = dict(colors)
         for name in ("values", "labels"):
             if own.get(name) is not None:
-                own[name] = np.repeat(own[name][chosen], repeat)
+                own[name] = own[name][chosen]
         return own
 
-    discs = Surface(corners, faces, per_face=True, smooth=False, **painted(flat, CORNERS - 2))
-    balls = Balls(points[dots], radii[dots] / 2, **painted(dots))
-    lifted_surface = Surface(points, lifted, **colors)
-    drawn = ((lifted_surface, len(lifted)), (discs, len(faces)), (balls, int(dots.sum())))
-    return [item for item, count in drawn if count]
+    discs = Surface(*drawn.discs, per_face=True, smooth=False, **painted(drawn.of_discs))
+    balls = Balls(drawn.centers, drawn.radii, **painted(drawn.of_balls))
+    sheets = Surface(*drawn.sheets, **painted(drawn.of_sheets))
+    items: tuple[tuple[Item, int], ...] = (
+        (sheets, len(drawn.sheets[1])),
+        (discs, len(drawn.of_discs)),
+        (balls, len(drawn.of_balls)),
+    )
+    return [item for item, count in items if count]
 
 
 def _shown_from(layer: Layer, color_by: str | None, unit: str | None) -> str:

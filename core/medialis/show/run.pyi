@@ -136,6 +136,7 @@ def run(
     importance: float | str | Length = 0.0,
     smallest_piece: float | str | Length = 0.01,
     bridge: int = 2,
+    clean_rims: bool = True,
     denoise: Literal["auto", "off"] = "auto",
     tolerance: float | str | Length = 0.0003,
     refine: float | str | Length = 0.02,

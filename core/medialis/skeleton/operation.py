@@ -76,6 +76,9 @@ SHOWN_SHARE = 99.0  # halved 0 %, doubled 100 %
 SHARES = (0.005, 0.01, 0.02, 0.05)
 """Of the size: thresholds whose points are counted."""
 
+RIM = "rim_points", "rim_rows", "rim_weights"
+"""Arrays of clean rims."""
+
 LARGEST_INDEX = 2_147_483_647
 """Of a vertex: indices are int32."""
 
@@ -260,7 +263,8 @@ def run_skeleton_mesh(shape: Shape, options: SkeletonMeshRun, progress: Progress
             f"No triangle is left: {int(keep.sum())} of {int(cloud.valid.sum())} balls have "
             f"{wanted}. {advice}."
         )
-    radii = cloud.radii[mesh.rows]
+    radii = mesh.at_points(cloud.radii)
+    rim: dict[str, Any] = dict(zip(RIM, mesh.blend or (), strict=False))
     return Outcome(
         shape=fine,
         layers=(mesh_layer("skeleton_mesh", cloud, mesh, measured), samples_layer(fine)),
@@ -282,6 +286,7 @@ def run_skeleton_mesh(shape: Shape, options: SkeletonMeshRun, progress: Progress
             "mesh_faces": mesh.faces,
             "mesh_rows": mesh.rows,
             "mesh_face_origin": mesh.face_origin,
+            **rim,
         },
     )
 
@@ -291,7 +296,8 @@ def mesh_layer(
 ) -> Layer:
     """Layer of a skeleton mesh with what its points know from the cloud and from measures on it."""
     known = cloud_layer(name, cloud.subset(np.asarray(mesh.rows)))
-    extra = {key: values[mesh.rows] for key, values in measured.items()}
+    measures = {"radius": cloud.radii, "spoke_angle": cloud.spoke_angles, **measured}
+    extra = {key: mesh.at_points(values) for key, values in measures.items()}
     return replace(
         known, points=mesh.points, faces=mesh.faces, attributes={**known.attributes, **extra}
     )

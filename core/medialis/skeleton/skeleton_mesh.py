@@ -9,16 +9,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.arrays import Mask, first_equal_row, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import Options, algorithm, angle, length, whole
+from medialis.base.options import Options, algorithm, angle, flag, length, whole
 from medialis.base.progress import Progress
-from medialis.base.threads import run_chunks
-from medialis.base.validation import IntArray, Positions, as_faces, frozen, hold
+from medialis.base.threads import run_chunks, run_patiently
+from medialis.base.validation import FloatArray, IntArray, Positions, as_faces, frozen, hold
+from medialis.shape.graph import local_spacing
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
 from medialis.skeleton.importance.importance import (
@@ -28,6 +31,7 @@ from medialis.skeleton.importance.importance import (
     important_points,
 )
 from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.rims import blended, clean_rims
 from medialis.skeleton.surface_skeleton import as_cloud
 
 RADIUS_SLACK = 1.0  # halved 78 %, doubled < 0.1 %
@@ -52,13 +56,17 @@ class SkeletonMesh(Surface):
         Triangles; no two have the same three corners. Their orientation has no meaning.
     rows : (p,) int32
         Row of the medial cloud that each point is: ``cloud.radii[mesh.rows]`` and likewise for any
-        (k,) attribute.
+        (k,) attribute. Of a point of a clean rim, the ball that it was moved from (`at_points`).
     face_origin : (t,) int32
-        Face of the surface from which each triangle was lifted.
+        Face of the surface from which each triangle was lifted; of one that closes a gap, a face
+        beside it.
     cloud : MedialCloud
         The k balls.
     selected : (k,) bool
         Balls that the mesh was made of.
+    blend : tuple of (w,) int32, int32 and float64, or None
+        Of clean rims: points, rows of balls, and the weight of each at the point, which is their
+        mean. Those of a point are 1 together; some lie below 0.
 
     Raises
     ------
@@ -72,11 +80,21 @@ class SkeletonMesh(Surface):
     face_origin: IntArray
     cloud: MedialCloud = field(kw_only=True)
     selected: Mask = field(kw_only=True)
+    blend: tuple[IntArray, IntArray, FloatArray] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         p, t = len(self.points), len(self.faces)
         hold(self, points=(p, 3), faces=(t, 3), rows=p, face_origin=t, selected=len(self.cloud))
         as_faces(self.faces, p)
+
+    def at_points(self, values: NDArray[Any]) -> FloatArray:
+        """Return numbers of the balls (k,) or (k, d) at the points: those of `rows`.
+
+        At points of clean rims, the weighted mean that the point itself is of centers.
+        """
+        known = np.asarray(values, np.float64)
+        own = known[self.rows]
+        return own if self.blend is None else blended(own, known, self.blend)
 
     @classmethod
     def of_rows(
@@ -126,6 +144,13 @@ class SkeletonMeshOptions(Options):
     )
     """On horse, cow, bunny the first closes 1/4 to 1/3 of the length of all borders (the holes of
     single false balls), the second and third another tenth, more only webs between spikes."""
+    clean_rims: bool = flag(
+        True,
+        "Clean rims",
+        "Close slits and small holes that the balls beside them cover, and smooth the rims of the "
+        "sheets: their points move along the sheet.",
+        advanced=True,
+    )
 
 
 @algorithm(SkeletonMeshOptions, door=as_cloud)
@@ -171,6 +196,9 @@ def skeleton_mesh(
        inside the shape, or outside by less than a sample spacing, which matters only where a wall
        is thinner than that.
 
+    Rims are cleaned: slits and holes are closed where balls cover them, teeth cut off, and points
+    of the rim moved to a mean of balls along it, within their own ball (see `rims.py`).
+
     A sample without a usable ball takes that of a neighbour, up to `bridge` edges away (the nearest
     sample): this contracts the hole that it would leave, instead of tearing the sheet.
 
@@ -213,11 +241,29 @@ def skeleton_mesh(
     chosen = options.min_spoke_angle, options.importance, options.bridge
     with progress.stage("skeleton mesh", 0.6, 1.0):
         mesh = kept(
-            _lift, cloud, chosen, lambda: _lift(cloud, selected, options.bridge, progress), progress
+            lifted,
+            cloud,
+            chosen,
+            lambda: lifted(cloud, selected, options.bridge, progress),
+            progress,
         )
     if options.smallest_piece > 0.0:
-        return _without_small_pieces(mesh, options.smallest_piece * cloud.surface.diagonal)
-    return mesh
+        mesh = _without_small_pieces(mesh, options.smallest_piece * cloud.surface.diagonal)
+    return run_patiently(lambda: with_clean_rims(mesh), progress) if options.clean_rims else mesh
+
+
+def with_clean_rims(mesh: SkeletonMesh) -> SkeletonMesh:
+    """Close slits and small holes of a mesh, and smooth its rims (`rims.py`)."""
+    if not len(mesh.faces):
+        return mesh
+    cloud, rows = mesh.cloud, mesh.rows
+    spacing = local_spacing(cloud.surface)[cloud.source[rows]]
+    rims = clean_rims(mesh, cloud.radii[rows], spacing)
+    points, given, weights = rims.blend
+    return SkeletonMesh(
+        rims.at_points(mesh.points), rims.faces, rows[rims.kept], mesh.face_origin[rims.origin],
+        cloud=cloud, selected=mesh.selected, blend=(points, rows[given], weights),
+    )  # fmt: skip
 
 
 def require_faces(shape: Shape) -> None:
@@ -240,8 +286,8 @@ def measured_importance(cloud: MedialCloud, options: Options, progress: Progress
     return connected_importance.of(importance, options, progress) if cloud.whole else importance
 
 
-def _lift(cloud: MedialCloud, selected: Mask, bridge: int, progress: Progress) -> SkeletonMesh:
-    """Mesh of all pieces, those of each side apart."""
+def lifted(cloud: MedialCloud, selected: Mask, bridge: int, progress: Progress) -> SkeletonMesh:
+    """Return the mesh of the selected balls, with all its pieces, those of each side apart."""
     parts = [(np.empty((0, 3), np.int32), np.empty(0, np.int32))]
     sides = [sign for sign in (1, -1) if (cloud.side == sign).any()]
     for turn, sign in enumerate(sides):
