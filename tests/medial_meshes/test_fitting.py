@@ -7,7 +7,7 @@ from closed_forms import box_mesh, icosphere
 from medialis.base.progress import Progress
 from medialis.medial_meshes.envelope import Envelope, primitives_of
 from medialis.medial_meshes.fine_complex import fine_complex
-from medialis.medial_meshes.fitting import BALLS_A_LISTED, Bounds, Fit, Target, _Follower
+from medialis.medial_meshes.fitting import BALLS_A_LISTED, Bounds, Fit, Follower, Target
 from medialis.medial_meshes.mesh import Complex
 from medialis.medial_meshes.refining import Fault, Hollows, refined
 from medialis.medial_meshes.sampling import Solid
@@ -27,7 +27,7 @@ def test_distances_that_follow_moving_balls_are_those_of_a_search(listed):
     given, rng = shell(1.0, 0.2), np.random.default_rng(3)
     rows = primitives_of(given)
     places = 2.6 * rng.random((500, 3)) - 1.3
-    follower, balls = _Follower(places, listed * BALLS_A_LISTED), given.balls
+    follower, balls = Follower(places, listed * BALLS_A_LISTED), given.balls
     assert follower.listed == listed
     for step in (0.02, 0.02, 0.001, 0.02, 0.0001):
         envelope = Envelope(balls, rows)

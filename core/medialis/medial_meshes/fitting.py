@@ -77,6 +77,13 @@ TRIES = 7  # halved 29 %, doubled 0 %
 EVEN = 10.0  # halved 81 %, doubled 88 %
 """Share of the mean diagonal in the damping: balls that few samples tell about hold still."""
 
+FOR_LONG_ONES, FINER = 1.5, 0.85
+"""How many times the fewest there are where that is more, so that long ones have theirs; and the
+steps in which their spacing is sought."""
+
+WHOLE = 1_441_440
+"""Of which each number of steps, and twice as many, is a divisor: equal shares are equal."""
+
 SIDES = ((0, 1), (0, 2), (1, 2))
 
 ON_DIAGONAL = (0, 4, 7, 9)
@@ -295,7 +302,7 @@ Watched = tuple[Index, FloatArray]
 """Primitives, and the shares of their balls: places of a complex that are looked at, too."""
 
 
-class _Follower:
+class Follower:
     """Distances of fixed places to an envelope whose balls move step by step."""
 
     def __init__(self, places: FloatArray, balls: int) -> None:
@@ -371,16 +378,17 @@ class Fit:
         self.complex, self.target, self.balls, self.damping = given, target, given.balls, damping
         self._progress = progress or Progress()
         self.rows = primitives_of(given)
-        self.lattice_row, self.lattice = _lattice(self.rows)
+        self.lattice_row, self.lattice = _lattice(self.rows, given.balls)
         if watched is not None:
             self.lattice_row, self.lattice = (
-                np.concatenate(pair) for pair in zip(_lattice(self.rows), watched, strict=True)
+                np.concatenate(pair)
+                for pair in zip((self.lattice_row, self.lattice), watched, strict=True)
             )
         self._centers = np.flatnonzero(self.lattice.max(axis=1) == 1.0)
         self._corners = np.where(self.rows < 0, 0, self.rows)[self.lattice_row]
         self._known: Overshoot | None = None
         self._tree: Tree | None = None
-        self._follower = _Follower(target.places, len(given))
+        self._follower = Follower(target.places, len(given))
         self.weight = 1.0 / len(target.rows)
         self.equations = Equations(len(given), given.edges, self.rows)
 
@@ -488,17 +496,35 @@ class Fit:
         return first + second
 
 
-def _lattice(rows: Index) -> tuple[Index, FloatArray]:
-    """Return places on all primitives, about `LATTICE`: their rows and the shares of the balls."""
+def _lattice(rows: Index, balls: FloatArray) -> tuple[Index, FloatArray]:
+    """Return places on all primitives, about `LATTICE`: their rows and the shares of the balls.
+
+    They are about evenly spread: long primitives have more than short ones, all have a few.
+    """
     kinds = (rows >= 0).sum(axis=1)
-    steps = MOST_STEPS
-    while steps > FEWEST_STEPS and _places_on(kinds, steps) > LATTICE:
-        steps -= 1
-    edge = [(2 * steps - i, i, 0) for i in range(2 * steps + 1)]
-    face = [(i, j, steps - i - j) for i in range(steps + 1) for j in range(steps + 1 - i)]
+    centers = balls[np.where(rows < 0, rows[:, :1], rows), :3]
+    longest = np.sqrt(np.linalg.norm(centers - np.roll(centers, 1, axis=1), axis=2).max(axis=1))
+    steps = np.full(len(rows), FEWEST_STEPS)
+    most = max(LATTICE, FOR_LONG_ONES * _places_on(kinds, steps))
+    spacing = float(longest.max(initial=0.0)) / FEWEST_STEPS
+    while (steps < MOST_STEPS).any() and spacing > 0.0:
+        spacing *= FINER
+        more = np.clip(np.ceil(longest / spacing), FEWEST_STEPS, MOST_STEPS).astype(np.int64)
+        if _places_on(kinds, more) > most:
+            break
+        steps = more
     parts = []
-    for kind, split in ((1, [(1, 0, 0)]), (2, edge), (3, face)):
-        which, shares = np.flatnonzero(kinds == kind), np.array(split)
+    for kind, count in np.unique(np.stack([kinds, steps], axis=1), axis=0):
+        if kind == 1:
+            split = [(1, 0, 0)]
+        elif kind == 2:
+            split = [(2 * count - i, i, 0) for i in range(2 * count + 1)]
+        else:
+            split = [(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]
+        which = np.flatnonzero((kinds == kind) & (steps == count))
+        shares = np.array(split) * (
+            WHOLE // (count if kind == 3 else 2 * count if kind == 2 else 1)
+        )
         parts.append((np.repeat(which, len(shares)), np.tile(shares, (len(which), 1))))
     row, shares = (np.concatenate(part) for part in zip(*parts, strict=True))
     first = _first_of_each(np.where(shares > 0, rows[row], -1), shares)
@@ -510,14 +536,19 @@ def _first_of_each(corners: Index, shares: Index) -> Index:
     """Return rows of a lattice without repetition: sides and balls belong to many primitives."""
     order = np.argsort(corners, axis=1, kind="stable")
     keys = np.zeros(len(corners), np.int64)
-    for table in (corners + 1, shares):
+    _, ranks = np.unique(shares, return_inverse=True)
+    shares = ranks.reshape(shares.shape)
+    for table, columns in (
+        (corners + 1, 3),
+        (shares, 2),
+    ):  # the third share follows from the others
         size = int(table.max(initial=0)) + 1
-        for column in np.take_along_axis(table, order, axis=1).T:
+        for column in np.take_along_axis(table, order[:, :columns], axis=1).T:
             keys = keys * size + column
     return np.unique(keys, return_index=True)[1]
 
 
-def _places_on(kinds: Index, steps: int) -> int:
-    """Places of a lattice with this many steps along the sides of triangles."""
-    each = np.array([0, 1, 2 * steps + 1, (steps + 1) * (steps + 2) // 2])
-    return int(each[kinds].sum())
+def _places_on(kinds: Index, steps: Index) -> int:
+    """Places of a lattice with so many steps along the sides of each triangle."""
+    each = np.stack([0 * steps, 0 * steps + 1, 2 * steps + 1, (steps + 1) * (steps + 2) // 2])
+    return int(each[kinds, np.arange(len(kinds))].sum())

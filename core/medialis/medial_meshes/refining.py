@@ -46,6 +46,10 @@ NEAR_RADII, NEAR = 0.5, 0.02  # halved 0 %, doubled 49 %; halved 0 %, doubled 49
 HOLLOWS_LOOKED_AT = 40_000  # halved 27 %, doubled 27 %
 """Points of the envelope that are looked at by default, about."""
 
+FOR_EACH_BALL = 60
+"""More of them for each ball, where one looks closely: each ball, cone and slab has its fewest, and
+with no others long ones are seen at their ends and in the middle."""
+
 MOST = 600  # halved 0 %, doubled 0 %
 """Places that join a fit, at most: the deepest."""
 
@@ -250,7 +254,8 @@ class Hollows:
         the ground of a valley, that gets less deep by d / lean, where its walls lean so much.
         """
         envelope, least = Envelope.of(given), CLOSE * off
-        places, _ = boundary_points(envelope, HOLLOWS_LOOKED_AT)
+        wanted = HOLLOWS_LOOKED_AT + FOR_EACH_BALL * len(given)
+        places, _ = boundary_points(envelope, wanted)
         far = self.solid.wall_tree.distances(places, enough=least)[0]
         places, far = places[far > least], far[far > least]
         inside = self.solid.contains(places)

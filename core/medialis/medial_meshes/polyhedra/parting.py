@@ -11,7 +11,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -123,9 +123,15 @@ class Structure:
     sequence: Collapse
     sheets: int
     samples: Samples
+    _made: dict[int, Complex | None] = field(default_factory=dict)
 
     def mesh(self, count: int) -> Complex | None:
-        """Return it as `count` balls; None where these are too few for its sheets."""
+        """Return it as `count` balls, placed once; None where these are too few for its sheets."""
+        if count not in self._made:
+            self._made[count] = self._merged(count)
+        return self._made[count]
+
+    def _merged(self, count: int) -> Complex | None:
         given, place = self.sequence.level(count)
         rim, walls = _rim(given), self.facets.count_walls(self.touched)
         order = np.lexsort([np.arange(len(place)), walls])  # the one of most walls is the last
