@@ -1,11 +1,9 @@
-"""Thickness against closed forms, a slow oracle of the completion, invariances, real shapes."""
+"""Thickness against closed forms, invariances, real shapes."""
 
 import math
 
 import numpy as np
 import pytest
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import dijkstra
 
 import closed_forms as forms
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
@@ -14,14 +12,7 @@ from medialis.shape.generate import organic_shape
 from medialis.shape.reading import read_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, shrink_balls
-from medialis.walls import thickness as module
-from medialis.walls.thickness import (
-    WALL_ANGLE,
-    complete,
-    complete_again,
-    field_on_surface,
-    thickness,
-)
+from medialis.walls.thickness import WALL_ANGLE, thickness
 
 
 def measured(shape, **options):
@@ -124,79 +115,6 @@ def test_zero_angle_gives_the_ball_of_every_sample(creature):
     own = np.full(shape.point_count, np.nan)
     own[cloud.source] = 2 * cloud.radii
     assert (values[cloud.source[cloud.valid]] == own[cloud.source[cloud.valid]]).all()
-
-
-def test_completion_is_the_harmonic_field_between_reliable_samples(creature, monkeypatch):
-    """With enough steps: all others are the geometric mean of their neighbours (dense solve)."""
-    shape, cloud = creature
-    n = shape.point_count
-    rows = cloud.wall_angles >= math.radians(WALL_ANGLE)
-    fixed = field_on_surface(cloud.subset(rows), 2 * cloud.radii[rows])
-    fixed[cloud.source[rows]] = 2 * cloud.radii[rows]
-    free = np.isnan(fixed)
-    a, b = shape.edges.T
-    both = np.concatenate([a, b]), np.concatenate([b, a])
-    links = coo_array((np.ones(2 * len(a)), both), shape=(n, n)).tocsr()
-    laplacian = (coo_array((links.sum(axis=1), (range(n), range(n)))).tocsr() - links)[free]
-    known = np.log(fixed[~free])
-    wanted = np.exp(np.linalg.solve(laplacian[:, free].toarray(), -laplacian[:, ~free] @ known))
-    monkeypatch.setattr(module, "SMOOTHING_STEPS", 5000)
-    monkeypatch.setattr(module, "SMOOTHING_ACCURACY", 1e-13)
-    values = thickness(cloud)
-    assert (values[~free] == fixed[~free]).all()
-    assert np.allclose(values[free], wanted, rtol=1e-9)
-
-
-def test_without_smoothing_the_nearest_along_the_surface_wins(creature, monkeypatch):
-    """Against scipy's search. Equally near seeds may differ: compare by distance."""
-    shape, cloud = creature
-    monkeypatch.setattr(module, "SMOOTHING_STEPS", 0)
-    values = thickness(cloud)
-    rows = cloud.wall_angles >= math.radians(WALL_ANGLE)
-    seeds = np.unique(cloud.features[rows])
-    length = np.linalg.norm(np.diff(shape.points[shape.edges], axis=1)[:, 0], axis=1)
-    n = shape.point_count
-    graph = coo_array((length, tuple(shape.edges.T)), shape=(n, n)).tocsr()
-    reach, _, source = dijkstra(
-        graph, directed=False, indices=seeds, min_only=True, return_predecessors=True
-    )
-    differs = np.flatnonzero(~np.isclose(values, values[source], rtol=1e-12, atol=0))
-    every = dijkstra(graph, directed=False, indices=differs)[:, seeds]
-    for row, sample in enumerate(differs):
-        near = seeds[every[row] <= reach[sample] * (1 + 1e-12)]
-        assert np.isclose(values[sample], values[near], rtol=1e-12, atol=0).any()
-
-
-@pytest.mark.parametrize("steps", [0, 5000])
-def test_completed_again_is_as_completed_at_once(creature, monkeypatch, steps):
-    """Without smoothing the same bits, with enough of it the same harmonic field."""
-    monkeypatch.setattr(module, "SMOOTHING_STEPS", steps)
-    monkeypatch.setattr(module, "SMOOTHING_ACCURACY", 1e-13)
-    shape, _ = creature
-    n, random = shape.point_count, np.random.default_rng(0)
-    cube = forms.box_mesh((0.3, 0.3, 0.3), 0.1)
-    shape = forms.mesh(
-        np.concatenate([shape.points, cube.points + np.array([9, 0, 0])]),
-        np.concatenate([shape.faces, cube.faces + n]),
-    )
-    other = random.uniform(1, 2, shape.point_count)
-    known = np.where(random.random(len(other)) < 0.02, other, np.nan)
-    known[n:] = np.nan
-    before = complete(shape, other, known)
-    for share in (0.1, 0.5):
-        gone = random.random(len(known)) < share
-        gone[n + before.known[n:].argmin()] = share == 0.5  # what was lent to the cube
-        other, known = np.where(gone, np.nan, other), np.where(gone, np.nan, known)
-        lower = np.flatnonzero(~np.isnan(known))[:5]
-        known[lower] *= 0.9
-        before = complete_again(before, other, known)
-        wanted = complete(shape, other, known)
-        assert (before.seed == wanted.seed).all() and (before.lent == wanted.lent).all()
-        assert np.allclose(before.distance, wanted.distance, rtol=1e-12)
-        if steps == 0:
-            assert (before.values == wanted.values).all()
-        assert np.allclose(before.values, wanted.values, rtol=1e-9)
-        assert complete_again(before, other, known) is before
 
 
 def test_parts_without_reliable_balls():

@@ -311,66 +311,6 @@ def spread_again(rows, wanted, points, offsets, neighbours, out_distance, out_se
 
 
 @kernel
-def _link_rows(rows, offsets, neighbours, most, out_first, out_links):
-    """Neighbours of each row that are rows themselves, by their row; `most` is that of vertices."""
-    row_of = np.full(most, -1, np.int32)
-    for row in range(len(rows)):
-        row_of[rows[row]] = row
-    filled = 0
-    for row in range(len(rows)):
-        out_first[row] = filled
-        for at in range(offsets[rows[row]], offsets[rows[row] + 1]):
-            other = row_of[neighbours[at]]
-            if other >= 0:
-                out_links[filled] = other
-                filled += 1
-    out_first[len(rows)] = filled
-
-
-@kernel
-def make_harmonic(rows, offsets, neighbours, most_steps, accuracy, values):
-    """Change the values at `rows` until each is the mean of its neighbours; all others stay.
-
-    Conjugate gradients, preconditioned by the number of neighbours: a step carries a change one
-    edge further, but unlike averaging (which needs the square of the steps to smooth as far) it
-    needs few of them for a smooth field. The sums run in the order of the rows. Of the graph only
-    what joins rows is gone through again and again.
-    """
-    count = len(rows)
-    first, links = np.empty(count + 1, np.int64), np.empty(len(neighbours), np.int32)
-    _link_rows(rows, offsets, neighbours, len(values), first, links)
-    residual, degree, direction = np.empty(count), np.empty(count), np.empty(count)
-    change, size = np.empty(count), 0.0
-    for row in range(count):
-        v = rows[row]
-        total = 0.0  # of the differences to the neighbours: 0 where the field is harmonic
-        for at in range(offsets[v], offsets[v + 1]):
-            total += values[neighbours[at]] - values[v]
-        residual[row], degree[row] = total, offsets[v + 1] - offsets[v]
-        direction[row] = total / degree[row]
-        size += total * direction[row]
-    enough = accuracy * accuracy * size
-    for _ in range(most_steps):
-        if size <= enough:
-            return
-        bend = 0.0
-        for row in range(count):
-            total = -degree[row] * direction[row]
-            for at in range(first[row], first[row + 1]):
-                total += direction[links[at]]
-            change[row] = total
-            bend -= direction[row] * total
-        step = size / bend
-        before, size = size, 0.0
-        for row in range(count):
-            values[rows[row]] += step * direction[row]
-            residual[row] += step * change[row]
-            size += residual[row] * residual[row] / degree[row]
-        for row in range(count):
-            direction[row] = residual[row] / degree[row] + size / before * direction[row]
-
-
-@kernel
 def _first_of(corners, least):
     """Where the first corner from `least` on stands in the ascending `corners`."""
     low, high = 0, len(corners)

@@ -5,19 +5,13 @@ balls, at least by its own (the inverse, `MedialCloud.inverse_features`). So a v
 becomes a field on the surface by reducing over the balls that touch a sample, and a field on the
 surface becomes a value of each ball by reducing over its two feature points.
 
-A field that is known at some samples, continued over the rest of a surface (for thesis 3.5.1).
-
-Every other sample of a mesh starts with the value of the nearest one along the edges. Then they
-become the geometric mean of their neighbours, as far as a fixed number of steps carries. Where less
-is known than before, only what took its values from there is continued anew.
-
 Thickness of the wall behind every point of the surface (thesis 3.5.1, Figure 3.11).
 
 Each sample touches the largest ball that fits inside the shape there. Where the ball lies between
 two walls, its diameter is what a caliper measures. Near a convex edge or on a bump the largest ball
 is small because of the edge, not because the shape is thin: its two feature points lie on the same
 side, seen under a small spoke angle. Such balls are left out, and their samples take the thickness
-of the wall that they belong to: that of the nearest reliable sample along the surface.
+of the wall that they belong to: what is smooth between the reliable samples along the surface.
 """
 
 from __future__ import annotations
@@ -29,17 +23,16 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described, Index, Mask, Ragged, kd_tree
+from medialis.base.arrays import Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, angle, choice
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_choice, as_field, frozen
-from medialis.shape.graph import mesh_graph, nearest_seeds
-from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
+from medialis.walls.completion import CompletedField, complete, complete_again
 
 Reduce = Literal["min", "max", "mean"]
 REDUCTIONS = ("min", "max", "mean")
@@ -191,149 +184,6 @@ def field_on_skeleton(
     return 0.5 * first + 0.5 * second  # halves: the sum of two large values would overflow
 
 
-SMOOTHING_STEPS, SMOOTHING_ACCURACY = 40, 1e-3  # halved 16 %, doubled 0 %; halved 22 %, doubled 9 %
-"""Steps at most, and residual relative to the start. On horse2, 40 steps (60 ms) look the same as
-400; the transition is then up to 40 edges wide."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class CompletedField(Described):
-    """A field with a value at each of the n samples of a surface.
-
-    Attributes
-    ----------
-    surface : Shape
-    known : (n,) float64
-        What it was completed from, NaN elsewhere.
-    values : (n,) float64
-    seed : (n,) int32
-        The known sample that is nearest along the edges, -1 where there is none.
-    distance : (n,) float64
-        Its distance along the edges.
-    lent : (n,) bool
-        Known samples of components that have no values of their own.
-    """
-
-    surface: Shape
-    known: FloatArray
-    values: FloatArray
-    seed: IntArray
-    distance: FloatArray
-    lent: Mask
-
-
-def complete(surface: Shape, other: FloatArray, known: FloatArray) -> CompletedField:
-    """Give a value to every sample.
-
-    `known` (n,) is the field, NaN where it is not known; where a component of a mesh has no known
-    value, the largest of `other` (n,) there counts as known.
-    """
-    n, missing = surface.point_count, np.isnan(known)
-    if surface.faces is None or not missing.any():
-        values = known.copy()
-        if missing.all():
-            values[np.nanargmax(other)] = np.nanmax(other)
-        _nearest_in_space(surface, values)
-        every, none = np.arange(n, dtype=np.int32), np.zeros(n, np.bool_)
-        return CompletedField(surface, known, values, every, np.zeros(n), none)
-    graph = mesh_graph(surface.faces, missing)
-    seed, distance = nearest_seeds(surface.points, graph, ~missing)
-    if (seed < 0).any():
-        known = _with_other_components(surface, other, known, seed)
-        seed, distance = nearest_seeds(surface.points, graph, ~np.isnan(known))
-    values = np.where(seed >= 0, known[seed], known)
-    _smooth(np.flatnonzero(missing & (seed >= 0)), values, known, graph)
-    _nearest_in_space(surface, values)
-    return CompletedField(surface, known, values, seed, distance, missing & ~np.isnan(known))
-
-
-def complete_again(before: CompletedField, other: FloatArray, known: FloatArray) -> CompletedField:
-    """Return `complete` of a field that is known at fewer samples than before, or is lower there.
-
-    What is more than `SMOOTHING_STEPS` edges from all samples that change keeps its value.
-    """
-    from medialis.shape._kernels import spread_again
-
-    surface = before.surface
-    if surface.faces is None:
-        return complete(surface, other, known)
-    # What was lent stays as long as it is there.
-    lent = before.lent & ~np.isnan(other)
-    known = np.where(lent, other, known)
-    missing = np.isnan(known)
-    lost = missing & ~np.isnan(before.known)
-    changed = np.flatnonzero(lost | (known < before.known))
-    if len(changed) == 0:
-        return before
-    seed, distance = before.seed.copy(), before.distance.copy()
-    seed[changed] = np.where(missing[changed], seed[changed], changed)
-    cut = (seed >= 0) & lost[seed]
-    rows = np.flatnonzero(cut)
-    near = _rings(surface, cut, missing, np.union1d(changed, rows))
-    graph = mesh_graph(surface.faces, near)
-    seed[rows], distance[rows] = -1, np.inf
-    spread_again(rows, cut, surface.points, graph.offsets, graph.indices, distance, seed)
-    if (seed[rows] < 0).any():
-        return complete(surface, other, known)
-    values = np.where(missing, before.values, known)
-    values[rows] = known[seed[rows]]
-    values[seed < 0] = np.nan
-    _smooth(np.flatnonzero(near & missing), values, known, graph)
-    _nearest_in_space(surface, values)
-    return CompletedField(surface, known, values, seed, distance, lent)
-
-
-def _rings(surface: Shape, inside: Mask, free: Mask, starts: Index) -> Mask:
-    """Return what is inside, and the free samples as many edges from the starts as steps carry."""
-    faces = np.asarray(surface.faces)
-    result = inside.copy()
-    for _ in range(SMOOTHING_STEPS):
-        around = np.unique(faces[surface.fans.joined(starts) // 3])
-        starts = around[free[around] & ~result[around]]
-        if len(starts) == 0:
-            break
-        result[starts] = True
-    return result
-
-
-def _with_other_components(
-    surface: Shape, other: FloatArray, known: FloatArray, seed: IntArray
-) -> FloatArray:
-    """Return what is known, and the largest other value of each component without a seed."""
-    rows = np.flatnonzero((seed < 0) & ~np.isnan(other))
-    part = surface.components[rows]
-    order = np.lexsort((rows, -other[rows], part))  # ties: the lowest index
-    first = order[np.flatnonzero(np.diff(part[order], prepend=-1))]
-    result = known.copy()
-    result[rows[first]] = other[rows[first]]
-    return result
-
-
-def _smooth(rows: Index, values: FloatArray, known: FloatArray, graph: Ragged) -> None:
-    """Replace the steps between nearest values by a smooth transition, in place.
-
-    Of logarithms: what few steps leave undone is a share of the value then, also in a thin fin on a
-    thick base.
-    """
-    from medialis.shape._kernels import make_harmonic
-
-    low, high = np.nanmin(known), np.nanmax(known)
-    steps, accuracy = SMOOTHING_STEPS, SMOOTHING_ACCURACY
-    logarithms = np.log(values / high)
-    make_harmonic(rows, graph.offsets, graph.indices, steps, accuracy, logarithms)
-    # What few steps may overshoot.
-    values[rows] = np.clip(high * np.exp(logarithms[rows]), low, high)
-
-
-def _nearest_in_space(surface: Shape, values: FloatArray) -> None:
-    """Give samples without a value the nearest one in space, in place."""
-    missing = np.isnan(values)
-    known = np.flatnonzero(~missing)
-    if len(known) < len(values):
-        nearest = kd_tree(surface.points[known]).query(surface.points[missing])[1]
-        values[missing] = values[known[nearest]]
-
-
 ThicknessKind = Literal["diameter", "radius"]
 
 WALL_ANGLE = 120.0  # halved 100 %, doubled 100 %
@@ -405,9 +255,9 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
     1. A sample whose own ball is reliable (`MedialCloud.wall_angles` at least `min_spoke_angle`)
        has the size of that ball; else one that reliable balls of other samples touch has the size
        of the largest of them (the inverse feature transform).
-    2. Every other sample of a mesh starts with the value of the nearest one along the edges. Then
-       all of them become the geometric mean of their neighbours, as far as a fixed number of steps
-       carries: a smooth transition, never below the smallest or above the largest reliable value.
+    2. Every other sample of a mesh becomes the geometric mean of its neighbours, weighed by
+       cotangents: a smooth transition that is the same however finely the surface is cut into
+       triangles, never below the smallest or above the largest reliable value.
     3. A component without a reliable ball has the size of its largest ball everywhere (a cube: its
        inscribed ball); one without any ball has the values nearest in space.
 
