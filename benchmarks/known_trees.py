@@ -1,13 +1,15 @@
 """Curve skeletons of trees whose axes are known, beside other packages, in one table.
 
-    python benchmarks/known_trees.py [--write] [--environment FOLDER] [--only TEXT ...]
+    python benchmarks/known_trees.py [--write] [--environment FOLDER] [--shapes FOLDER]
+        [--only TEXT ...]
 
 Ten trees of swept balls: radii up to 10 : 1, 5 to 25 limbs, rings. Each as meshes of 5,000 and of
 100,000 triangles, and as exact voxels. Their numbers are not those of `stability.py --trees`, by
 which constants were chosen. The packages are those of `peers.py`, and skan, in an environment that
 is there (`python -m pip install skeletor kimimaro scikit-image skan`): nothing is installed, and
-what it lacks is told as absent. `--write` keeps the rows in `known_trees.json`, where rows of
-methods that did not run stay, and puts the table into docs/curve_skeleton.md.
+what it lacks is told as absent. `--write` keeps each row in `known_trees.json`, where those of
+methods that do not run stay, and puts the table into docs/curve_skeleton.md. Shapes stay in a
+folder that is given, and are taken from there the next time.
 """
 
 from __future__ import annotations
@@ -47,7 +49,9 @@ SECONDS = 100
 
 METHODS = (
     Method("medialis_curve", "medialis curve_skeleton", "medialis"),
-    Method("wavefront", "skeletor by_wavefront", "skeletor"),
+    Method(
+        "wavefront", "skeletor by_wavefront", "skeletor", others=({"waves": 10, "step_size": 2},)
+    ),
     Method("teasar", "skeletor by_teasar", "skeletor", default={"inv_dist": 1.0}),
     Method("mean_curvature", "skeletor by_mean_curvature", "skeletor"),
     Method(
@@ -84,6 +88,9 @@ def mesh_of(tree: Tree, thinnest: float, faces: int) -> medialis.Shape:
 
 def write_trees(folder: Path, faces: int) -> None:
     """Write all trees for the workers: meshes, or voxels where no faces are wanted."""
+    if folder.is_dir():
+        return
+    folder.mkdir(parents=True)
     for k, (tree, thinnest) in enumerate(trees()):
         rows: dict[str, Any] = {"across": 2 * thinnest}
         if faces:
@@ -157,9 +164,8 @@ def table(kept: dict[str, Any]) -> str:
             words = ", ".join(f"{name} {value}" for name, value in settings.items()) or "default"
             for size in sizes(method):
                 told = f"{size:,} triangles" if size else "voxels"
-                rows = kept["rows"].get(key(method, settings, size))
                 why = "not run" if method.package in kept["versions"] else "absent"
-                cells = [why, *[""] * 6] if rows is None else summary(rows, len(TREES))
+                cells = kept["rows"].get(key(method, settings, size), [why, *[""] * 6])
                 lines.append("| " + " | ".join((method.label, words, told, *cells)) + " |")
     return "\n".join(lines)
 
@@ -187,6 +193,7 @@ def main() -> None:
     )
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--environment", type=Path, default=HERE.parent / "build" / "peers")
+    parser.add_argument("--shapes", type=Path)
     parser.add_argument("--only", nargs="*", default=[], metavar="TEXT")
     given = parser.parse_args()
     python = given.environment.absolute() / "bin" / "python"
@@ -201,21 +208,27 @@ def main() -> None:
     for name in sorted({m.package for m in chosen} - there.keys()):
         print(f"{name} is absent", flush=True)
     chosen = [m for m in chosen if m.package in there]
-    for size in sorted({size for method in chosen for size in sizes(method)}):
-        with tempfile.TemporaryDirectory() as name:
-            write_trees(Path(name), size)
+    with tempfile.TemporaryDirectory() as name:
+        for size in sorted({size for method in chosen for size in sizes(method)}):
+            folder = (given.shapes or Path(name)) / str(size)
+            write_trees(folder, size)
             for method in (m for m in chosen if size in sizes(m)):
                 own = sys.executable if method.package == "medialis" else python
                 for settings in (method.default, *method.others):
-                    rows = run(method, settings, own, Path(name))
-                    kept["rows"][key(method, settings, size)] = rows
-                    print(method.label, settings, size, *summary(rows, len(TREES)), flush=True)
+                    cells = summary(run(method, settings, own, folder), len(TREES))
+                    kept["rows"][key(method, settings, size)] = cells
+                    print(method.label, settings, size, *cells, flush=True)
+                    if given.write:
+                        write(kept)
     print(table(kept))
-    if given.write:
-        KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-        text = PAGE.read_text(encoding="utf-8")
-        before, after = text[: text.index(BEGIN)], text[text.index(END) :]
-        PAGE.write_text(f"{before}{BEGIN}\n{section(kept)}{after}", encoding="utf-8")
+
+
+def write(kept: dict[str, Any]) -> None:
+    """Keep the rows, and put their table into the page."""
+    KEPT.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    text = PAGE.read_text(encoding="utf-8")
+    before, after = text[: text.index(BEGIN)], text[text.index(END) :]
+    PAGE.write_text(f"{before}{BEGIN}\n{section(kept)}{after}", encoding="utf-8")
 
 
 if __name__ == "__main__":
