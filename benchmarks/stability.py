@@ -2,6 +2,7 @@
 
     python benchmarks/stability.py MESH ...     # turned, scaled, remeshed, coarse, noisy, holed
     python benchmarks/stability.py MESH ... --fields   # thickness and parts of the same copies
+    python benchmarks/stability.py MESH ... --sure     # parts and thin spots by their persistence
     python benchmarks/stability.py --trees 10   # trees of swept balls, as they are and coarser
 
 Tables in Markdown. Meshes of more than 30,000 faces are decimated to so many first, by
@@ -16,7 +17,8 @@ import time
 import numpy as np
 from stability_suite.changes import changes, decimated
 from stability_suite.measures import along, hausdorff, rand_index, tree_row, values_at
-from stability_suite.trees import grown_tree, meshed
+from stability_suite.sure import PARTS_FROM, SPOTS_FROM, rows_of, table
+from stability_suite.trees import TREES, grown_tree, meshed
 
 import medialis
 
@@ -27,12 +29,6 @@ COARSE = (20_000, 5_000, 2_000)
 FIELDS = ("thickness", "parts")
 """Operations, and arrays of theirs."""
 
-TREES = (
-    *((5, 0.3, 0), (8, 0.2, 0), (12, 0.15, 0), (15, 0.12, 0), (20, 0.12, 0), (25, 0.1, 0)),
-    *((10, 0.2, 1), (15, 0.15, 2), (6, 0.1, 0), (9, 0.25, 1)),
-)
-"""Limbs, the thinnest radius as a share of the trunk's, and rings."""
-
 
 def main() -> None:
     """Measure what is asked for and print it."""
@@ -40,9 +36,11 @@ def main() -> None:
     parser.add_argument("paths", nargs="*")
     parser.add_argument("--trees", type=int, default=0)
     parser.add_argument("--fields", action="store_true")
+    parser.add_argument("--sure", action="store_true")
     given = parser.parse_args()
     if given.paths:
-        (print_fields if given.fields else print_changes)(given.paths)
+        what = print_sure if given.sure else print_fields if given.fields else print_changes
+        what(given.paths)
     if given.trees:
         print_trees(given.trees)
 
@@ -103,6 +101,17 @@ def print_fields(paths: list[str]) -> None:
         )
 
 
+def print_sure(paths: list[str]) -> None:
+    """Print how many parts and thin spots are in all copies, by their persistence."""
+    parts, spots = [], []
+    for shape in map(read, paths):
+        more = rows_of(shape)
+        parts += more[0]
+        spots += more[1]
+    print(table("parts", parts, PARTS_FROM))
+    print(table("thin spots", spots, SPOTS_FROM))
+
+
 def fields_at(shape: medialis.Shape, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return thickness and part at the samples that are nearest to places."""
     return tuple(values_at(medialis.run(name, shape), name, places) for name in FIELDS)
@@ -117,7 +126,8 @@ def print_trees(count: int) -> None:
         for faces in COARSE:
             shape = decimated(fine, faces) if faces < fine.face_count else fine
             clock = time.process_time()
-            row = tree_row(graph_of(shape), tree)
+            graph = graph_of(shape)
+            row = tree_row(graph.nodes, graph.edges, tree, graph.radii)
             row["seconds"] = time.process_time() - clock
             rows.setdefault(f"{faces:,} triangles", []).append(row)
     names = ("tips", "absent", "short", "false", "loops_off", "axis", "radius", "seconds")

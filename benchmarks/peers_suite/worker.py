@@ -129,6 +129,18 @@ def skeletonize(case, fine=False):
     return {"voxels": line, "pitch": pitch, "origin": origin}
 
 
+def skan(case):
+    """Thinning of voxels, and the graph that skan makes of it."""
+    from skan import Skeleton
+    from skimage.morphology import skeletonize
+
+    volume, pitch, origin = case.grid(False)
+    found = Skeleton(skeletonize(volume) > 0)
+    links = found.graph.tocoo()
+    nodes = origin + pitch * np.asarray(found.coordinates, float)
+    return {"nodes": nodes, "edges": np.stack([links.row, links.col], axis=1)}
+
+
 def cgal(case, quality=None):
     """Mean curvature flow."""
     program = Path(case.folder) / "cgal_skeleton"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import medialis
@@ -14,13 +16,17 @@ STEP = 0.002
 
 def along(graph: medialis.CurveSkeleton) -> np.ndarray:
     """Places along the edges of a graph; its nodes where it has none."""
-    if len(graph.edges) == 0:
-        return graph.nodes
-    a, b = graph.nodes[graph.edges[:, 0]], graph.nodes[graph.edges[:, 1]]
-    count = 1 + np.ceil(graph.edge_lengths / (STEP * max(graph.diagonal, 1e-300))).astype(int)
+    step = STEP * max(graph.diagonal, 1e-300)
+    return np.concatenate([graph.nodes, places_along(graph.nodes, graph.edges, step)])
+
+
+def places_along(nodes: np.ndarray, edges: np.ndarray, step: float) -> np.ndarray:
+    """Places along edges, no farther apart than a step; in the middle of their stretch."""
+    a, b = nodes[edges[:, 0]], nodes[edges[:, 1]]
+    count = 1 + np.ceil(np.linalg.norm(b - a, axis=1) / step).astype(int)
     row = np.repeat(np.arange(len(a)), count)
     t = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count) + 0.5) / count[row]
-    return np.concatenate([graph.nodes, a[row] + t[:, None] * (b - a)[row]])
+    return np.asarray(a[row] + t[:, None] * (b - a)[row])
 
 
 def hausdorff(one: np.ndarray, other: np.ndarray) -> float:
@@ -46,15 +52,22 @@ def rand_index(one: np.ndarray, other: np.ndarray) -> float:
     return 1.0 - (mine + theirs - 2 * together) / every
 
 
-def tree_row(graph: medialis.CurveSkeleton, tree: Tree) -> dict[str, float]:
+def tree_row(
+    nodes: np.ndarray, edges: np.ndarray, tree: Tree, radii: np.ndarray | None = None
+) -> dict[str, float]:
     """Compare a graph with the known axis.
 
     ``tips``: there are; ``absent``: limbs without an end; ``short``: ends more than one radius
-    from the tip; ``false``: ends that are none; ``loops_off``; ``axis``: median distance of the
-    nodes to the axis in per cent of its radius there; ``radius``: median error of their radius.
+    from the tip; ``false``: ends that are none; ``loops_off``; ``axis``: median distance to the
+    axis, along the edges, in per cent of its radius there; ``radius``: median error of the radius
+    of nodes, where these have one.
     """
     near = cKDTree(tree.places)
-    ends = graph.nodes[graph.end_points]
+    edges = np.unique(np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1), axis=0)
+    degree = np.bincount(edges.ravel(), minlength=len(nodes))
+    links = coo_array((np.ones(len(edges)), edges.T), shape=(len(nodes), len(nodes)))
+    pieces = connected_components(links, directed=False)[0]
+    ends = nodes[degree == 1]
     limb = tree.limb[near.query(ends)[1]] if len(ends) else np.empty(0, int)
     absent = short = matched = 0
     for number, (tip, radius) in enumerate(zip(tree.tips, tree.tip_radii, strict=True)):
@@ -64,13 +77,16 @@ def tree_row(graph: medialis.CurveSkeleton, tree: Tree) -> dict[str, float]:
             continue
         matched += 1
         short += bool(np.linalg.norm(mine - tip, axis=1).min() > radius)
-    off, place = near.query(graph.nodes)
-    return {
+    off, place = near.query(places_along(nodes, edges, 0.1 * tree.place_radii.min()))
+    row = {
         "tips": len(tree.tips),
         "absent": absent,
         "short": short,
         "false": len(ends) - matched,
-        "loops_off": abs(graph.loops - tree.loops),
+        "loops_off": abs(len(edges) - len(nodes) + pieces - tree.loops),
         "axis": 100 * float(np.median(off / tree.place_radii[place])),
-        "radius": 100 * float(np.median(np.abs(graph.radii / tree.place_radii[place] - 1))),
     }
+    if radii is not None:
+        thick = tree.place_radii[near.query(nodes)[1]]
+        row["radius"] = 100 * float(np.median(np.abs(radii / thick - 1)))
+    return row

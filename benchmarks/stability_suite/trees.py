@@ -17,6 +17,12 @@ from medialis.shape.generate import make_unambiguous, surface_nets
 APART = 1.5
 """Times the sum of two radii that axes keep away from each other."""
 
+TREES = (
+    *((5, 0.3, 0), (8, 0.2, 0), (12, 0.15, 0), (15, 0.12, 0), (20, 0.12, 0), (25, 0.1, 0)),
+    *((10, 0.2, 1), (15, 0.15, 2), (6, 0.1, 0), (9, 0.25, 1)),
+)
+"""Limbs, the thinnest radius as a share of the trunk's, and rings."""
+
 PIECES = 4
 DENSE = 0.05
 """Share of the radius: distance of places along the true axis."""
@@ -167,6 +173,14 @@ def _free(one: Branch, mother: Branch, branches: list[Branch]) -> bool:
 
 def meshed(tree: Tree, cell: float) -> medialis.Shape:
     """Mesh the surface of a tree; creases stay where branches meet."""
+    field, low = depth_grid(tree, cell)
+    make_unambiguous(field)
+    points, faces = surface_nets(field, low, cell)
+    return medialis.make_shape(points, faces)
+
+
+def depth_grid(tree: Tree, cell: float) -> tuple[np.ndarray, np.ndarray]:
+    """Signed distance to a tree on a grid, at most four cells, and the place of its corner."""
     cones = [
         (b.points[k], b.points[k + 1], b.radii[k], b.radii[k + 1])
         for b in tree.branches
@@ -187,9 +201,7 @@ def meshed(tree: Tree, cell: float) -> medialis.Shape:
         grid = np.stack(np.meshgrid(*(axes[k][part[k]] for k in range(3)), indexing="ij"), axis=-1)
         value = _cone(grid.reshape(-1, 3), a, b, ra, rb).reshape(grid.shape[:3])
         field[part] = np.minimum(field[part], value)
-    make_unambiguous(field)
-    points, faces = surface_nets(field, low, cell)
-    return medialis.make_shape(points, faces)
+    return field, low
 
 
 def _cone(at: np.ndarray, a: np.ndarray, b: np.ndarray, ra: float, rb: float) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Parts as people see them: known bodies, copies, odd input, and slow oracles of each step."""
 
+import json
+
 import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
@@ -10,7 +12,7 @@ import closed_forms as forms
 import medialis
 from clouds import adjusted_rand
 from medialis.base.threads import thread_limit
-from medialis.segments.parts import into_valleys
+from medialis.segments.parts import MOST_SURE, PartsOptions, into_valleys, part_persistence
 from medialis.segments.sites import (
     CAP,
     NAMES,
@@ -135,6 +137,34 @@ def test_faces_in_four_change_little():
         for one in (shape, split)
     )
     assert adjusted_rand(labels, others) >= 0.9
+
+
+def test_persistence_is_the_odds_in_those_of_the_level_or_the_area():
+    """A fourth put parts 0 and 1 together, half 0 and 2; 2 has the smallest area there may be."""
+    between = np.array([[0.9, 0.25, 0.5], [0.25, 0.9, 0.1], [0.5, 0.1, 0.8]])
+    areas = np.array([0.8, 0.19, 0.01])
+    found = part_persistence(between, areas, PartsOptions())
+    np.testing.assert_allclose(found, [1.0, 3.0, 1.0])
+    at_three_fourths = part_persistence(between, areas, PartsOptions(level=0.75, smallest=0.0))
+    np.testing.assert_allclose(at_three_fourths, [3.0, 9.0, 3.0])
+    alone = part_persistence(np.array([[0.7]]), np.ones(1), PartsOptions(smallest=0.0))
+    assert alone == pytest.approx([MOST_SURE])
+
+
+def test_persistence_of_a_result_is_that_of_its_vertices_and_survives_a_file(tmp_path):
+    """A dumbbell: two balls that are large and apart, and its handle, which is less of both."""
+    result = medialis.run("parts", forms.dumbbell(step=0.08))
+    sure = np.array(result.values["persistence"])
+    assert len(sure) == result.values["parts"] == 3 and (sure > 1.0).all()
+    labels = result.layers[0].attributes["parts"]
+    assert (result.layers[0].attributes["persistence"] == sure[labels]).all()
+    medialis.write_result(result, tmp_path)
+    assert b"property double persistence" in (tmp_path / "parts.ply").read_bytes()[:2000]
+    told = json.loads((tmp_path / "manifest.json").read_text(encoding="utf-8"))["values"]
+    assert told["persistence"] == sure.tolist()
+    cloud = medialis.surface_skeleton(forms.dumbbell(step=0.08))
+    assert medialis.parts(cloud, count=2).persistence.shape == (2,)
+    assert medialis.parts(cloud, method="sheets").persistence is None
 
 
 @pytest.mark.slow

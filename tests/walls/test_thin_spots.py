@@ -138,6 +138,43 @@ def test_minima_and_regions_agree_with_the_definition(seed, prominence):
         assert spot.value == (calm if speck else field)[spot.vertex]
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_persistence_is_the_height_of_the_lowest_pass_to_a_lower_place(seed):
+    """Where there is none lower it is the largest height; the levels are tried one by one."""
+    shape = forms.icosphere(2)
+    field = np.exp(np.sin(shape.points @ np.random.default_rng(seed).normal(size=3) * 6))
+    links = neighbours(shape)
+    calm = third_lowest(field, links)
+    rank = np.lexsort((np.arange(162), field, calm)).argsort()
+    found = places(shape, field, prominence=0.1)
+    assert len(found) > 1
+    for spot in found:
+        lower = [
+            level
+            for level in np.unique(calm)
+            if min(rank[v] for v in flood(spot.vertex, np.nextafter(level, 9), calm, links))
+            < rank[spot.vertex]
+        ]
+        assert spot.persistence + spot.value == pytest.approx(min(lower, default=calm.max()))
+
+
+def test_persistence_of_a_plate_with_dents():
+    """The deeper dent lives up to the plate, the other one up to what lies between them."""
+    shape = dented_plate()
+    cloud = shrink_balls(shape)
+    thick = thickness(cloud).max()
+    deep, other = thin_spots(cloud)
+    assert deep.persistence == pytest.approx(thick - deep.value, rel=0.01)
+    assert 0.25 * other.value < other.persistence <= (thick - other.value) * 1.01
+    limit = 1.2 * other.value
+    below = thin_spots(cloud, threshold=limit / shape.diagonal)
+    assert [s.persistence for s in below] == pytest.approx(
+        [limit - s.value for s in below], rel=0.01
+    )
+    even = thin_spots(shrink_balls(forms.box_mesh((2.0, 1.5, 0.3), 0.1)))[0]
+    assert even.persistence == pytest.approx(0.0, abs=0.003)
+
+
 def test_one_or_two_wrong_samples_are_no_place_but_fail_a_threshold():
     shape = forms.icosphere(3)
     values = np.ones(shape.point_count)

@@ -219,7 +219,7 @@ def run_mean_shift_segments(
     fine, fields = cloud.surface, {"segment": segments.labels}
     shown: dict[str, Any] = {"color_by": "segment", "labels": ("segment",)}
     layers = surface_layers("mean_shift_segments", shape, fine, fields, **shown)
-    note_unseen(layers[0], segments.count, progress)
+    note_unseen(layers[0], "segment", segments.count, progress)
     return Outcome(
         shape=fine,
         layers=(*layers, *border_layer(segments)),

@@ -100,6 +100,9 @@ DIFFUSION = 5  # halved 4 %, doubled 4 %
 USUAL_ROUNDS = 4  # halved 6 %, doubled 11 %
 """Of smoothing, in which heat spreads as far as sites are apart."""
 
+MOST_SURE = 1e9
+"""Persistence of a part that nothing could join to another one: hosts show no infinity."""
+
 MOST_LIMBS = 64  # halved 40 %, doubled 0 %
 """Before borders are smoothed. Where noise has more limbs, those of less than this part of the
 surface are merged first: every sample would have a share of hundreds."""
@@ -439,7 +442,8 @@ def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segm
     -------
     Segmentation
         Its ``method`` tells the method that was taken, "auto", "limbs" or "sheets". That of "auto"
-        has ``joins``, by which its parts make fewer. Samples without a ball, or a node, have the
+        has ``joins``, by which its parts make fewer, and ``persistence``, how many times over each
+        is what a part must be (`part_persistence`). Samples without a ball, or a node, have the
         part of the nearest sample along the surface that has one; -1 only in components of the
         surface where no sample has.
 
@@ -525,21 +529,21 @@ def as_seen(
     surface: Shape, seen: SeenSites, options: PartsOptions, progress: Progress
 ) -> Segmentation:
     """Divide a surface by its sites."""
-    sites, shares = seen
+    (sites, shares), given = seen, (seen, options)
 
     def divide() -> Segmentation:
         cluster = divide_sites(shares, sites.areas, options.level, options.count)
         labels = _of_samples(sites, shares, cluster)
-        found = _with_tree(_in_valleys(sites, surface, labels, options), seen)
+        found = _with_tree(_in_valleys(sites, surface, labels, options), *given)
         if options.count > 0:
-            return found.joined(options.count)
+            return _with_tree(found.joined(options.count), *given)
         assert found.join_levels is not None
         # Sites know what their caps hold; parts have come to belong together since, perhaps.
         turns = int((found.join_levels >= options.level).sum())
         if turns == 0:
             return found
         joined = connected_labels(found.joined(found.count - turns).labels, surface_graph(surface))
-        return _with_tree(completed(surface, joined, options.smallest, method="auto"), seen)
+        return _with_tree(completed(surface, joined, options.smallest, method="auto"), *given)
 
     with progress.stage("clusters", 0.8, 1.0):
         return run_patiently(divide, progress)
@@ -571,8 +575,11 @@ def _of_samples(sites: Sites, shares: FloatArray, cluster: IntArray) -> IntArray
     return np.where(known, common.argmax(axis=1), -1).astype(np.int32)
 
 
-def _with_tree(found: Segmentation, seen: SeenSites) -> Segmentation:
-    """Add the tree by which the parts are joined to fewer; very many are joined to none."""
+def _with_tree(found: Segmentation, seen: SeenSites, options: PartsOptions) -> Segmentation:
+    """Add how sure parts are, and the tree by which they are joined to fewer.
+
+    Very many are joined to none, and nothing is known of them.
+    """
     from scipy.sparse import csr_array
 
     if found.count > MOST_JOINED:
@@ -584,8 +591,40 @@ def _with_tree(found: Segmentation, seen: SeenSites) -> Segmentation:
     total = held.sum(axis=0)
     between = held.T @ seen.shares @ held
     between /= np.maximum(total[:, None] * total[None, :], 1e-300)
-    joins, levels = join_tree(np.clip(between, 0.0, 1.0), np.maximum(total, 1e-300))
-    return replace(found, joins=joins, join_levels=levels)
+    between = np.clip(between, 0.0, 1.0)
+    joins, levels = join_tree(between, np.maximum(total, 1e-300))
+    sure = part_persistence(between, found.areas / found.areas.sum(), options)
+    return replace(found, joins=joins, join_levels=levels, persistence=sure)
+
+
+def part_persistence(between: FloatArray, areas: FloatArray, options: PartsOptions) -> FloatArray:
+    """Return how sure it is that each part is one of its own.
+
+    A part is none where as many people as the level would put it together with its nearest
+    neighbour, and where it is smaller than the smallest part. The number is how many times over it
+    is neither: the odds of the level over those of the share of people who would, and the root of
+    the areas, as of lengths; the lower of the two. At 1 the part is at the limit.
+
+    Parameters
+    ----------
+    between : (p, p) float64
+        Mean share of people who put places of two parts into one.
+    areas : (p,) float64
+        Shares of the surface.
+    options : PartsOptions
+        The level, and the smallest part.
+
+    Returns
+    -------
+    (p,) float64
+        Without a unit, above 0, at most a billion.
+    """
+    others = between.copy()
+    np.fill_diagonal(others, 0.0)
+    share = np.clip(others.max(axis=1, initial=0.0), 1.0 / MOST_SURE, 1.0)
+    apart = options.level / (1.0 - options.level) * (1.0 - share) / share
+    large = np.sqrt(areas / max(options.smallest, 1.0 / MOST_SURE**2))
+    return frozen(np.clip(np.minimum(apart, large), 1.0 / MOST_SURE, MOST_SURE), np.float64)
 
 
 def _by_limbs(inner: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:

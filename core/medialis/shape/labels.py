@@ -104,6 +104,8 @@ class Segmentation(Bound):
         part of the first.
     join_levels : (j,) float64 or None
         How much belongs together what is joined, 1 at most, the largest first.
+    persistence : (count,) float64 or None
+        How sure each segment is, where that is known: see the function that made it.
 
     Raises
     ------
@@ -126,6 +128,7 @@ class Segmentation(Bound):
     face_labels: IntArray | None = field(default=None, kw_only=True)
     joins: IntArray | None = field(default=None, kw_only=True)
     join_levels: FloatArray | None = field(default=None, kw_only=True)
+    persistence: FloatArray | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         if np.shape(self.labels) != (self.surface.point_count,):
@@ -139,6 +142,8 @@ class Segmentation(Bound):
         if self.joins is not None:
             j = len(self.joins)
             hold(self, joins=(j, 2), join_levels=j)
+        if self.persistence is not None:
+            hold(self, persistence=self.count)
 
     def __repr__(self) -> str:
         return f"Segmentation({self.count} segments of {len(self.labels)} samples)"
@@ -189,7 +194,7 @@ class Segmentation(Bound):
         """Return the division into fewer segments, `count` at least, by the tree of `joins`.
 
         Each segment of it is made of whole segments of this one. More than `count` where too few of
-        them can be joined; the same segments without a tree.
+        them can be joined; the same segments without a tree. How sure they are is not known.
         """
         if self.joins is None or self.join_levels is None:
             return self
@@ -209,6 +214,7 @@ class Segmentation(Bound):
             face_labels=None if self.face_labels is None else number[self.face_labels],
             joins=number[self.joins[turns:]],
             join_levels=self.join_levels[turns:],
+            persistence=None,
         )
 
     def of_input_faces(self) -> IntArray:

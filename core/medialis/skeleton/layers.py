@@ -224,9 +224,9 @@ def _input_face_labels(shape: Shape, segmentation: Segmentation) -> IntArray:
     return Segmentation(segmentation.labels[: shape.point_count], surface=shape).of_faces()
 
 
-def note_unseen(layer: Layer, count: int, progress: Progress) -> None:
+def note_unseen(layer: Layer, name: str, count: int, progress: Progress) -> None:
     """Say how many of `count` segments a layer on a coarse input shows nowhere."""
-    fields = (*layer.attributes.values(), *layer.face_attributes.values())
+    fields = (layer.attributes[name], *layer.face_attributes.values())
     labels = np.unique(np.concatenate(fields))
     unseen = count - int((labels >= 0).sum())
     if unseen:
@@ -262,10 +262,14 @@ def segmentation_outcome(
             unlabelled=missing,
             samples=fine.point_count,
         )
-    layers = surface_layers(
-        name, shape, fine, {name: labels}, segmentation, color_by=name, labels=(name,)
-    )
-    note_unseen(layers[0], segmentation.count, progress)
+    fields: dict[str, NDArray[Any]] = {name: labels}
+    arrays = {**cloud_arrays(cloud), name: labels, f"face_{name}": segmentation.of_faces()}
+    if (sure := segmentation.persistence) is not None:
+        values["persistence"] = numbers(sure.tolist())
+        arrays["persistence"] = sure
+        fields["persistence"] = np.append(sure, 0.0)[labels]
+    layers = surface_layers(name, shape, fine, fields, segmentation, color_by=name, labels=(name,))
+    note_unseen(layers[0], name, segmentation.count, progress)
     return Outcome(
         shape=fine,
         layers=(*layers, *border_layer(segmentation)),
@@ -278,6 +282,6 @@ def segmentation_outcome(
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
-        arrays={**cloud_arrays(cloud), name: labels, f"face_{name}": segmentation.of_faces()},
+        arrays=arrays,
         shown=layers[-1:],
     )

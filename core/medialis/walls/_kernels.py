@@ -447,12 +447,12 @@ def list_passes(basin, values, field, links, out_passes):
 
 
 @kernel
-def prominent_minima(passes, basin, values, field, ratio, out_minima):
-    """Minima from which one climbs to `ratio` times their value before reaching a lower one.
+def climbs(passes, basin, values, field, out_heights):
+    """Heights to which one climbs from each minimum before reaching a lower one; 0 elsewhere.
 
     Basins join at the passes, in rising order. `basin` becomes that of the joined ones: it is known
-    by its lowest vertex. Where two meet at the height L, the one with the higher minimum m ends; it
-    counts if L >= ratio m.
+    by its lowest vertex. Where two meet at the height L, the one with the higher minimum ends. The
+    lowest minimum of what hangs together has the largest finite height there.
     """
     for i in range(len(passes)):
         a, b = find_root(basin, passes[i, 0]), find_root(basin, passes[i, 1])
@@ -460,10 +460,11 @@ def prominent_minima(passes, basin, values, field, ratio, out_minima):
             continue
         low, high = (a, b) if _lower(a, b, values, field) else (b, a)
         basin[high] = low
-        out_minima[high] = values[passes[i, 0]] >= ratio * values[high]
+        out_heights[high] = values[passes[i, 0]]
     for v in range(len(basin)):
-        if basin[v] == v:
-            out_minima[v] = True
+        root = find_root(basin, v)
+        if values[v] < math.inf:
+            out_heights[root] = max(out_heights[root], values[v])
 
 
 @kernel

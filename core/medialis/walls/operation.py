@@ -115,7 +115,10 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
             **summary(values, "thickness"),
             "thin_spots": len(spots),
             "overlaps": sum(spot.kind == "overlap" for spot in spots),
-            "spots": _table(spots, "kind", "position", "opposite", "value", "area", "vertices"),
+            "spots": _table(
+                spots,
+                *("kind", "position", "opposite", "value", "area", "vertices", "persistence"),
+            ),
             "diagonal": fine.diagonal,
             "spacing": fine.spacing,
         },
@@ -132,6 +135,7 @@ def _spots_layer(spots: tuple[ThinSpot, ...], limits: tuple[float, float]) -> tu
         del attributes["area"]  # a cloud has no areas
     attributes["vertices"] = np.array(counts, np.int32)
     attributes["overlap"] = _are(spots, "overlap")
+    attributes |= _columns(spots, "persistence")
     return _marks("thin_spots", spots, attributes, color_limits=limits, **COLORS)
 
 

@@ -132,11 +132,15 @@ class LowPlace:
         prominence higher.
     vertices : (v,) int32
         All samples of the region, ascending.
+    persistence : float
+        From its value to where the place ends: the threshold, else the lowest height over which
+        one reaches a lower place, and the largest one where there is none.
     """
 
     vertex: int
     value: float
     vertices: IntArray
+    persistence: float
 
 
 class PlaceGraph:
@@ -178,15 +182,17 @@ def low_places(
     if level > 0:
         rows = np.flatnonzero(field < level)
         starts = rows[np.argsort(field[rows], kind="stable")]
-        return _regions(field, (starts, field[starts], np.full(len(starts), level)), graph)
+        lives = level - field[starts]
+        return _regions(field, (starts, field[starts], np.full(len(starts), level), lives), graph)
     ratio = 1.0 + prominence
     calm = np.empty_like(field)  # the third lowest value round each sample
     third_lowest(field, graph.links, calm)
-    rows = np.flatnonzero(_prominent(calm, field, graph, ratio))
+    rows, heights = _prominent(calm, field, graph, ratio)
     # A sample so much lower than those round it that it could be a place of its own is a speck.
     depth = np.where(calm[rows] < ratio * field[rows], field[rows], calm[rows])
     turn = np.lexsort((rows, field[rows], calm[rows], depth))
-    return _regions(calm, (rows[turn], depth[turn], ratio * calm[rows[turn]]), graph)
+    lives = heights[turn] - depth[turn]
+    return _regions(calm, (rows[turn], depth[turn], ratio * calm[rows[turn]], lives), graph)
 
 
 def _cloud_links(shape: Shape) -> IntArray:
@@ -196,32 +202,37 @@ def _cloud_links(shape: Shape) -> IntArray:
     return frozen(links[links[:, 0] != links[:, 1]], np.int32)
 
 
-def _prominent(calm: FloatArray, field: FloatArray, graph: PlaceGraph, ratio: float) -> Mask:
-    from medialis.walls._kernels import find_basins, list_passes, prominent_minima
+def _prominent(
+    calm: FloatArray, field: FloatArray, graph: PlaceGraph, ratio: float
+) -> tuple[Index, FloatArray]:
+    """Return the minima from which one climbs to a ratio of their value, and to what height."""
+    from medialis.walls._kernels import climbs, find_basins, list_passes
 
-    basin, found = np.empty(len(field), np.int32), np.zeros(len(field), np.bool_)
+    basin, heights = np.empty(len(field), np.int32), np.zeros(len(field))
     find_basins(calm, field, graph.links, basin)
     passes = np.empty((len(graph.links.neighbours), 2), np.int32)
     passes = passes[: list_passes(basin, calm, field, graph.links, passes)]
     passes = passes[np.argsort(calm[passes[:, 0]], kind="stable")]
-    prominent_minima(passes, basin, calm, field, ratio, found)
-    return found
+    climbs(passes, basin, calm, field, heights)
+    lowest = basin == np.arange(len(basin))
+    rows = np.flatnonzero(lowest | ((heights > 0.0) & (heights >= ratio * calm)))
+    return rows, heights[rows]
 
 
 def _regions(
-    field: FloatArray, starts: tuple[Index, FloatArray, FloatArray], graph: PlaceGraph
+    field: FloatArray, starts: tuple[Index, FloatArray, FloatArray, FloatArray], graph: PlaceGraph
 ) -> Iterator[LowPlace]:
-    """Collect what lies below its level round each start: samples, values, levels."""
+    """Collect what lies below its level round each start: samples, values, levels, persistence."""
     from medialis.walls._kernels import flood_below
 
     label, queue = np.full(len(field), -1, np.int32), np.empty(len(field), np.int32)
     number = 0
-    for start, depth, level in zip(*(column.tolist() for column in starts), strict=True):
+    for start, depth, level, lives in zip(*(column.tolist() for column in starts), strict=True):
         if label[start] >= 0 or depth == np.inf:
             continue
         size = flood_below(start, level, field, graph.links, number, label, queue)
         number += 1
-        yield LowPlace(start, depth, frozen(np.sort(queue[:size]), np.int32))
+        yield LowPlace(start, depth, frozen(np.sort(queue[:size]), np.int32), lives)
 
 
 @dataclass(frozen=True)
@@ -640,6 +651,10 @@ class ThinSpot(Described):
         All samples of the place, ascending.
     area : float
         Of the surface that they stand for (a third of each face at each corner); NaN in a cloud.
+    persistence : float
+        How sure the place is, a length: how much the thickness rises, at least, on any way from it
+        to a thinner place; where none is thinner, to the thickest place there is. 0 for a plate
+        that is as thick everywhere. With a threshold, how far it is below that.
     """
 
     position: FloatArray
@@ -649,6 +664,7 @@ class ThinSpot(Described):
     vertex: int
     vertices: IntArray
     area: float
+    persistence: float
 
     def __post_init__(self) -> None:
         hold(self, position=(3,), opposite=(3,))
@@ -860,4 +876,5 @@ def _spot(kind: SpotKind, balls: WallBalls, place: LowPlace) -> ThinSpot:
     surface = balls.surface
     position, opposite, value = balls.thinnest(place)
     area = np.nan if surface.faces is None else float(surface.point_areas[place.vertices].sum())
-    return ThinSpot(position, opposite, value, kind, place.vertex, place.vertices, area)
+    told = kind, place.vertex, place.vertices, area, place.persistence
+    return ThinSpot(position, opposite, value, *told)
