@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from medialis.base._box_tree_kernels import FAN, LEAF
+from medialis.base._box_tree_kernels import test_children as _test_children
 from medialis.base.box_tree import build_box_tree
 from medialis.base.threads import thread_limit
 
@@ -101,3 +102,16 @@ def test_one_and_two_threads_give_the_same_tree():
         two = build_box_tree(points, normals)
     for name in ("points", "normals", "order", "blocks", "bounds", "child", "center"):
         assert getattr(one, name).tobytes() == getattr(two, name).tobytes()
+
+
+def test_masks_have_32_bits():
+    """With the 64 bits of numba's sums, half as many float32 fit beside them into a vector.
+
+    What is made ahead for processors without AVX-512 took 2.75 times a kd-tree for balls between
+    triangles, and 2.13 with masks of 32 bits; for those of 2009 4.6 and 2.75.
+    """
+    numba = pytest.importorskip("numba")
+    test_children = numba.njit(_test_children.py_func)
+    assert test_children(np.zeros((11, FAN), np.float32), 0.0, 0.0, 0.0, 1.0) == (1 << FAN) - 1
+    (signature,) = test_children.nopython_signatures
+    assert signature.return_type == numba.int32

@@ -24,6 +24,9 @@ LEAF = 16  # samples a leaf at most: two AVX-512 or four AVX2 loads for each coo
 FAN = 8  # children of a wide node
 # Rows of a node's bounds: box low x y z, box high x y z, slab direction x y z, slab low, slab high.
 BOUND_ROWS = 11
+BITS = np.array([1 << j for j in range(16)], np.int32)
+"""What stands for item j in a mask. A mask of 32 bits is made by vectors of 8 float32; numba's own
+shifts and sums have 64 bits, and vectors are as long as their widest number: half as many."""
 _LOWEST_BIT = np.array([0, *((i & -i).bit_length() - 1 for i in range(1, 1 << FAN))])
 
 
@@ -208,8 +211,8 @@ def test_children(bound, cx, cy, cz, reach):
     """Children whose box and slab come nearer to the center than `reach`: a bit for each."""
     fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
     reach1, reach2 = np.float32(reach), np.float32(reach * reach)
-    zero = np.float32(0.0)
-    bits = np.int32(0)
+    zero, none = np.float32(0.0), np.int32(0)
+    bits = none
     for j in range(FAN):
         ax, bx = bound[0, j] - fx, fx - bound[3, j]
         ay, by = bound[1, j] - fy, fy - bound[4, j]
@@ -225,7 +228,7 @@ def test_children(bound, cx, cy, cz, reach):
         sa, sb = bound[9, j] - s, s - bound[10, j]
         slab = sa if sa > sb else sb
         hit = (dx * dx + dy * dy + dz * dz < reach2) & (slab < reach1)
-        bits += np.int32(hit) << np.int32(j)
+        bits = np.int32(bits | (BITS[j] if hit else none))
     return bits
 
 

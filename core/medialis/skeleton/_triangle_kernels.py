@@ -42,7 +42,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._box_tree_kernels import FAN, dot, lowest_bit, nearest_place, test_children
+from medialis.base._box_tree_kernels import (
+    BITS,
+    FAN,
+    dot,
+    lowest_bit,
+    nearest_place,
+    test_children,
+)
 from medialis.base.jit import kernel
 
 KNOWN = 16
@@ -347,7 +354,8 @@ def _is_near(hull, f, px, py, pz, x, y, z, r, relief, least):
 @kernel
 def _are_within(bound, px, py, pz, r2):
     """Children whose boxes lie wholly within a distance (squared) of p: a bit for each."""
-    bits, limit = np.int32(0), np.float32(r2)
+    none, limit = np.int32(0), np.float32(r2)
+    bits = none
     for j in range(FAN):
         ax, bx = px - bound[0, j], bound[3, j] - px
         ay, by = py - bound[1, j], bound[4, j] - py
@@ -355,17 +363,19 @@ def _are_within(bound, px, py, pz, r2):
         dx = ax if ax > bx else bx
         dy = ay if ay > by else by
         dz = az if az > bz else bz
-        bits += np.int32(dx * dx + dy * dy + dz * dz < limit) << np.int32(j)
+        inside = dx * dx + dy * dy + dz * dz < limit
+        bits = np.int32(bits | (BITS[j] if inside else none))
     return bits
 
 
 @kernel
 def _near_faces(hull, px, py, pz, x, y, z, r, relief, least):
     """Faces of a block that may constrain a ball: a bit for each."""
-    bits = np.int32(0)
+    none = np.int32(0)
+    bits = none
     for f in range(BLOCK):
         near = _is_near(hull, f, px, py, pz, x, y, z, r, relief, least)
-        bits += np.int32(near) << np.int32(f)
+        bits = np.int32(bits | (BITS[f] if near else none))
     return bits
 
 
