@@ -38,14 +38,14 @@ from medialis.curves.curve_skeleton import ViewPoints as ViewPoints
 from medialis.curves.finishing import point_graph as point_graph
 from medialis.curves.finishing import simplify_branches as simplify_branches
 from medialis.curves.from_balls import curve_skeleton as curve_skeleton
+from medialis.curves.from_views.drawing import Rasterizer as Rasterizer
+from medialis.curves.from_views.drawing import rasterizer as rasterizer
 from medialis.curves.from_views.skeleton import view_curve_skeleton as view_curve_skeleton
 from medialis.curves.from_views.skeleton import view_source as view_source
 from medialis.curves.from_views.views import Crossings as Crossings
 from medialis.curves.from_views.views import OrthographicCamera as OrthographicCamera
-from medialis.curves.from_views.views import Rasterizer as Rasterizer
 from medialis.curves.from_views.views import View as View
 from medialis.curves.from_views.views import ViewSource as ViewSource
-from medialis.curves.from_views.views import rasterizer as rasterizer
 from medialis.curves.from_views.views import silhouette_skeleton as silhouette_skeleton
 from medialis.curves.growth import Handles as Handles
 from medialis.curves.operation import read_curve_skeleton as read_curve_skeleton

@@ -34,8 +34,9 @@ from medialis.base.kept import Bound, kept
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, IntArray
 from medialis.base.version import package_version
+from medialis.curves.from_views.drawing import rasterizer
 from medialis.curves.from_views.skeleton import view_source
-from medialis.curves.from_views.views import ViewSource, rasterizer
+from medialis.curves.from_views.views import ViewSource
 from medialis.hosts.compile_ahead import compile_ahead, is_needed
 from medialis.operations.registry import run
 from medialis.operations.result import Result

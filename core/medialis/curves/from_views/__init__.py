@@ -4,8 +4,9 @@ In: a shape, or pairs of `View`s that the caller has. Out: a `CurveSkeleton` wit
 was linked from. The shape need not be clean, closed or a mesh.
 
 - `skeleton.py`: the algorithm from end to end; read it first.
-- `views.py`: cameras, views, the core's renderer; skeletons of silhouettes and their matching.
-- `linking.py`: from points to a graph; `_kernels.py`: the inner parts of all.
+- `views.py`: cameras and views; skeletons of silhouettes and their matching (`_kernels.py`).
+- `drawing.py`: the core's renderer (`_draw_kernels.py`).
+- `linking.py`: from points to a graph; `_view_kernels.py`: what many views say of points.
 - `operation.py`: the operation view_curve_skeleton.
 
 Another renderer is a `ViewSource` (`view_source` sets it); hosts bring their own.

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,12 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
+from medialis.curves.from_views.drawing import Canvases, Rasterizer, rasterizer
 from medialis.curves.from_views.linking import link_points, merge_to
 from medialis.curves.from_views.views import (
-    NO_FIELD,
     CameraPair,
-    Crossings,
     OrthographicCamera,
-    Rasterizer,
+    Picked,
     Scratch,
     SilhouetteOptions,
     View,
@@ -40,14 +39,13 @@ from medialis.curves.from_views.views import (
     camera_pairs,
     check_border,
     pair_points,
-    rasterizer,
     skeletonize,
     sphere_of,
 )
 from medialis.shape.shape import Shape
 
 if TYPE_CHECKING:
-    from medialis.curves.from_views._kernels import Views
+    from medialis.curves.from_views._view_kernels import Views
 
 PROBES = 32  # halved 61 %, doubled 91 %
 """Views that measure radii and tell inside from outside while the points are linked."""
@@ -106,56 +104,119 @@ class PackedViews:
     """
 
     def __init__(self, source: ViewSource, saliency: float, room: int) -> None:
-        self.source, self.saliency, self._room = source, saliency, room
-        self.views: dict[int, tuple[NDArray[np.uint8], NDArray[np.float32]]] = {}
+        self.source, self._saliency, self._room = source, saliency, room
+        self._canvases = Canvases(source) if isinstance(source, Rasterizer) else None
+        self._packed: dict[int, Packed] = {}
         """Packed views by the identity of their cameras."""
 
-    def keep(self, view: View, field: NDArray[np.float32]) -> None:
-        """Keep a view and its field, if there is room."""
-        from medialis.curves.from_views._kernels import BITS, pack_view
+    def match(self, pairs: Sequence[CameraPair], progress: Progress) -> list[FloatArray]:
+        """Return the points of a few pairs of views; the first views are packed."""
+        places: list[FloatArray] = [NOWHERE] * len(pairs)
+        firsts: list[Packed | None] = [None] * len(pairs)
+        if self._canvases is None:
+            views = render_views(self.source, [c for pair in pairs for c in pair], progress)
 
-        pixels = view.near.size - int(np.isnan(view.near).sum())
-        mask = np.zeros(-(-view.near.size // BITS), np.uint8)
-        values = np.empty((pixels, 3), np.float32)
-        if mask.nbytes + values.nbytes > self._room:
-            return
-        self._room -= mask.nbytes + values.nbytes
-        pack_view(view.near, view.far, field, mask, values)
-        self.views[id(view.camera)] = mask, values
+        def work(begin: int, end: int) -> None:
+            for at in range(begin, end):
+                if self._canvases is None:
+                    given = views[2 * at], views[2 * at + 1]
+                    (first, field), (second, _) = (_picked(v, self._saliency) for v in given)
+                    firsts[at] = Packed.of(first, field)
+                    places[at] = pair_points(first, second, first.crossings, second.crossings)
+                    continue
+                with self._canvases.lent(pairs[at][0].size) as canvas:
+                    first = canvas.first(pairs[at][0], self._saliency)
+                    firsts[at] = Packed.of(first, canvas.field)
+                    second = canvas.second(pairs[at][1], self._saliency)
+                    places[at] = pair_points(first, second, first.crossings, second.crossings)
+
+        run_chunks(work, len(pairs), 1, progress=progress.still)
+        for (camera, _), view in zip(pairs, firsts, strict=True):
+            if view is not None and view.size <= self._room:
+                self._room -= view.size
+                self._packed[id(camera)] = view
+        return places
 
     def look(self, cameras: Sequence[OrthographicCamera], progress: Progress) -> Views:
         """Return depths and distance fields of a few cameras: packed ones as far as they go."""
-        from medialis.curves.from_views._kernels import Views, unpack_view
+        from medialis.curves.from_views._view_kernels import Views
 
-        size, count = cameras[0].size, len(cameras)
-        near, far = np.empty((2, count, size, size), np.float32)
-        field = np.zeros_like(near)
-        known = [self.views.get(id(camera)) for camera in cameras]
-        fresh = [at for at in range(count) if known[at] is None]
+        packed: list[Any] = [self._packed.get(id(camera)) for camera in cameras]
+        fresh = [at for at, view in enumerate(packed) if view is None]
         for begin in range(0, len(fresh), BATCH):
             rows = fresh[begin : begin + BATCH]
-            views = render_views(self.source, [cameras[at] for at in rows], progress)
-            for at, view in zip(rows, views, strict=True):
-                near[at], far[at] = view.near, view.far
-
-        def skeletons(begin: int, end: int) -> None:
-            scratch = Scratch(size)
-            for at in range(begin, end):
-                if (view := known[at]) is not None:
-                    unpack_view(*view, near[at], far[at], field[at])
-                else:
-                    skeletonize(near[at], self.saliency, scratch, field[at])
-
-        run_chunks(skeletons, count, 1, progress=progress.still)
+            views: Sequence[View | None] = [None] * len(rows)
+            if self._canvases is None:
+                views = render_views(self.source, [cameras[at] for at in rows], progress)
+            work = functools.partial(self._pack, rows, cameras, views, packed)
+            run_chunks(work, len(rows), 1, progress=progress.still)
         centers, axes, pixels = (
             np.array([getattr(c, name) for c in cameras]) for name in ("center", "axes", "pixel")
         )
-        return Views(centers, axes, pixels, near, far, field)
+        counts = [len(view.values) for view in packed]
+        begin_of = np.cumsum([0, *counts[:-1]], dtype=np.int64)
+        masks, ranks = (np.stack([getattr(v, name) for v in packed]) for name in ("mask", "ranks"))
+        values = np.concatenate([view.values for view in packed])
+        return Views(cameras[0].size, centers, axes, pixels, masks, ranks, begin_of, values)
+
+    def _pack(
+        self, rows: Sequence[int], cameras: Sequence[OrthographicCamera],
+        views: Sequence[View | None], out: list[Any], begin: int, end: int,
+    ) -> None:  # fmt: skip
+        """Pack some of the views that `look` is asked for, drawn here where nobody gave them."""
+        for number in range(begin, end):
+            at, view = rows[number], views[number]
+            if view is not None:
+                out[at] = Packed.of(*_picked(view, self._saliency))
+                continue
+            assert self._canvases is not None
+            with self._canvases.lent(cameras[at].size) as canvas:
+                out[at] = Packed.of(canvas.first(cameras[at], self._saliency), canvas.field)
+
+
+NOWHERE = np.empty((0, 3))
+
+
+class Packed(NamedTuple):
+    """Depths and distances of the pixels of a silhouette, as `_view_kernels.Views` has many."""
+
+    mask: NDArray[np.uint64]
+    ranks: NDArray[np.int32]
+    values: NDArray[np.float32]
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return sum(array.nbytes for array in self)
+
+    @staticmethod
+    def of(picked: Picked, field: NDArray[np.float32]) -> Packed:
+        """Pack depths and the distances to their contour."""
+        from medialis.curves.from_views._view_kernels import BITS, pack_view
+
+        side = len(picked.near)
+        words = side * -(-side // BITS)
+        mask, ranks = np.zeros(words, np.uint64), np.empty(words, np.int32)
+        first, last, left, right = picked.box
+        within = picked.near[first:last, left:right]
+        values = np.empty((within.size - int(np.isnan(within).sum()), 3), np.float32)
+        pack_view(picked.box, picked.near, picked.far, field, mask, ranks, values)
+        return Packed(mask, ranks, values)
+
+
+def _picked(view: View, saliency: float) -> tuple[Picked, NDArray[np.float32]]:
+    """Return a view of somebody with its crossings, and its distances to the contour."""
+    from medialis.curves.from_views._draw_kernels import Box
+
+    side = view.camera.size
+    field = np.empty((side, side), np.float32)
+    crossings = skeletonize(view.near, saliency, Scratch(side), field)
+    return Picked(view.camera, view.near, view.far, crossings, Box(0, side, 0, side)), field
 
 
 def radii_in(views: Views, points: FloatArray) -> FloatArray:
     """Return the radius of the ball round each point, 0 where a view sees it outside."""
-    from medialis.curves.from_views._kernels import measure_radii
+    from medialis.curves.from_views._view_kernels import measure_radii
 
     positions = np.ascontiguousarray(points)
     radii = np.full(len(positions), np.inf)
@@ -168,8 +229,6 @@ def render_views(
     source: ViewSource, cameras: Sequence[OrthographicCamera], progress: Progress
 ) -> Sequence[View]:
     """Return the views of a source, checked: the kernels rely on them."""
-    if isinstance(source, Rasterizer):
-        source = functools.partial(source, progress=progress.still)
     views = source(cameras)
     if len(views) != len(cameras):
         raise InvalidShapeError(
@@ -295,26 +354,7 @@ def _match(
     places: list[FloatArray] = []
     for begin in range(0, len(pairs), BATCH // 2):
         progress.update(begin / len(pairs))
-        batch = pairs[begin : begin + BATCH // 2]
-        cameras = [camera for pair in batch for camera in pair]
-        views = render_views(packed.source, cameras, progress)
-        crossings: list[Crossings] = [None] * len(views)  # type: ignore[list-item]
-
-        def skeletons(
-            first: int, last: int, views: Sequence[View] = views, out: list[Crossings] = crossings
-        ) -> None:
-            scratch = Scratch(views[0].camera.size)
-            for at in range(first, last):
-                field = NO_FIELD if at % 2 else np.zeros_like(views[at].near)
-                out[at] = skeletonize(views[at].near, packed.saliency, scratch, field)
-                if at % 2 == 0:
-                    packed.keep(views[at], field)
-
-        run_chunks(skeletons, len(views), 1, progress=progress.still)
-        places += [
-            pair_points(views[at], views[at + 1], crossings[at], crossings[at + 1])
-            for at in range(0, len(views), 2)
-        ]
+        places += packed.match(pairs[begin : begin + BATCH // 2], progress)
     points = np.concatenate(places)
     pixel, most = max(first.pixel for first, _ in pairs), MOST_POINTS * pairs[0][0].size
     merged = run_patiently(lambda: merge_to(points, np.ones(len(points)), pixel, most), progress)
@@ -326,7 +366,7 @@ def _sharpen(
     weights: FloatArray, progress: Progress,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return the points that no view sees outside, moved to the middle of what the views show."""
-    from medialis.curves.from_views._kernels import cull_and_sharpen
+    from medialis.curves.from_views._view_kernels import cull_and_sharpen
 
     usual = min(LONGEST_STEP, TRAVEL * cameras[0].size / len(cameras))
     steps = usual * (FIRST_STEP - FALL * (np.arange(len(cameras)) + 0.5) / len(cameras))

@@ -1,7 +1,7 @@
 """Views of a shape: cameras, silhouettes and their skeletons, matching (thesis 3.7.3, 3.7.4).
 
 `OrthographicCamera` and `View` are what a `ViewSource` takes and gives; `camera_pairs` places the
-cameras round a shape; `Rasterizer` is the core's own source, for meshes and clouds (3.7.4.2).
+cameras round a shape. The core's own source is in `drawing.py`.
 
 A silhouette skeleton is known by where the rows of the picture cross it, at sub-pixel columns
 (`skeletonize`). Two views of a pair have the same rows: crossings whose depths agree are points
@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,10 +22,10 @@ from medialis.base.arrays import Described, Mask
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, number
 from medialis.base.progress import Progress
-from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, as_number, as_whole_number, frozen
-from medialis.shape.reading import ShapeLike, as_shape
-from medialis.shape.shape import Shape
+
+if TYPE_CHECKING:
+    from medialis.curves.from_views._draw_kernels import Box
 
 MAX_SIZE = 8192  # halved 0 %, doubled 0 %
 """Pixels along a side of a picture."""
@@ -38,13 +38,6 @@ PLASTIC = 0.7548776662466927  # halved 84 %, doubled 82 %
 
 MARGIN = 2  # halved 50 %, doubled 93 %
 """Free pixels on each side: the border of a picture must lie outside the silhouette."""
-
-DISC_NEIGHBOUR = 12
-"""The radius of the disc of a sample is the distance to its neighbour of this rank: discs overlap,
-also where samples are irregular (checked on random samples of a sphere and a torus)."""
-
-WIDEST_DISC = 4.0
-"""Usual discs: an isolated sample must not become a plate."""
 
 NO_FIELD = np.empty((0, 0), np.float32)
 
@@ -227,102 +220,6 @@ def camera_pairs(
     return [pair(axes) for axes in camera_axes(pairs)]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Rasterizer(Described):
-    """Renders the views of triangles, in parallel over views.
-
-    Attributes
-    ----------
-    points : (n, 3) float64
-    faces : (m, 3) int32
-
-    Notes
-    -----
-    Every pixel whose center a triangle covers belongs to the silhouette; depth is exact up to
-    float32. Source: thesis 3.7.4.2 (depth buffers by GL_LESS and GL_GREATER); both in one pass.
-    """
-
-    points: FloatArray
-    faces: IntArray
-
-    def __call__(
-        self, cameras: Sequence[OrthographicCamera], progress: Progress | None = None
-    ) -> list[View]:
-        """Return the view of each camera."""
-        from medialis.curves.from_views import _kernels as kernels
-
-        views: list[View] = [None] * len(cameras)  # type: ignore[list-item]
-
-        def draw(begin: int, end: int) -> None:
-            screen = np.empty((len(self.points), 3))
-            for at in range(begin, end):
-                camera = cameras[at]
-                near = np.full((camera.size, camera.size), np.inf, np.float32)
-                far = np.full_like(near, -np.inf)
-                seen = camera.center, camera.axes, camera.size, camera.pixel
-                kernels.project_points(self.points, *seen, screen)
-                kernels.draw_depth_range(self.faces, screen, near, far)
-                kernels.mark_outside(near, far)
-                views[at] = View(camera, near, far)
-
-        run_chunks(draw, len(cameras), 1, progress=progress)
-        return views
-
-
-def rasterizer(shape: ShapeLike) -> Rasterizer:
-    """Return the view source of a shape.
-
-    A mesh is drawn as it is. Each sample of a point cloud becomes a hexagon in its tangent plane,
-    as wide as covers the gaps to its neighbours.
-
-    Parameters
-    ----------
-    shape : Shape
-
-    Raises
-    ------
-    InvalidShapeError
-        For a point cloud without normals, or with fewer than 9 samples.
-
-    See Also
-    --------
-    view_curve_skeleton : what the views are for.
-    view_source : sets another renderer.
-
-    Examples
-    --------
-    >>> import medialis
-    >>> source = medialis.rasterizer(medialis.organic_shape(56))
-    >>> callable(source)
-    True
-    """
-    shape = as_shape(shape)
-    if shape.faces is not None:
-        return Rasterizer(shape.points, shape.faces)
-    return _discs(shape)
-
-
-def _discs(shape: Shape) -> Rasterizer:
-    """Hexagons round the samples that have a normal."""
-    has_normal = shape.normals.any(axis=1)
-    if has_normal.sum() <= DISC_NEIGHBOUR:
-        raise InvalidShapeError(
-            f"Views of a point cloud need more than {DISC_NEIGHBOUR} samples with normals, got "
-            f"{int(has_normal.sum())}: estimate normals first (medialis.make_shape does)."
-        )
-    points, normals = shape.points[has_normal], shape.normals[has_normal]
-    radius = shape.tree.query(points, k=DISC_NEIGHBOUR + 1)[0][:, -1:]
-    radius = np.minimum(radius, WIDEST_DISC * np.median(radius))
-    across = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-    across *= radius / np.linalg.norm(across, axis=1, keepdims=True)
-    turns = np.pi / 3 * np.arange(6)[:, None]
-    corners = points[:, None] + np.cos(turns) * across[:, None]
-    corners += np.sin(turns) * np.cross(normals, across)[:, None]
-    fan = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
-    faces = (6 * np.arange(len(points))[:, None, None] + fan).reshape(-1, 3)
-    return Rasterizer(np.ascontiguousarray(corners.reshape(-1, 3)), faces.astype(np.int32))
-
-
 @dataclass(frozen=True, kw_only=True)
 class SilhouetteOptions(Options):
     """Options of `silhouette_skeleton`."""
@@ -371,6 +268,7 @@ class Scratch:
         self.offset = np.zeros((size, size), np.int32)
         self.upright = np.empty((size, size), np.int32)
         self.flat = np.empty((size, size), np.int32)
+        self.lefts = np.empty((size * size // 2, 2), np.int32)
 
 
 def check_border(near: NDArray[np.float32]) -> None:
@@ -390,21 +288,31 @@ def check_border(near: NDArray[np.float32]) -> None:
 
 
 def skeletonize(
-    near: Picture, saliency: float, scratch: Scratch, field: Picture = NO_FIELD
+    near: Picture,
+    saliency: float,
+    scratch: Scratch,
+    field: Picture = NO_FIELD,
+    box: Box | None = None,
 ) -> Crossings:
     """Return the crossings of a silhouette, given as a picture that is NaN outside it.
 
-    The border of the picture must be outside. A `field` (h, w) gets the distance transform:
-    negative at pixels beside the skeleton; what lies outside stays as it is.
+    The border of the picture must be outside, and what is outside the `box` (rows, columns), if
+    there is one. A `field` (h, w) gets the distance transform: negative at pixels beside the
+    skeleton; what lies outside stays as it is.
     """
     from medialis.curves.from_views import _kernels as kernels
+    from medialis.curves.from_views._draw_kernels import Box
 
-    near = frozen(near, np.float32)
-    cracks, pixels, first, last = kernels.column_offsets(near, scratch.offset)
-    pictures = scratch.offset, first, last, scratch.upright, scratch.flat
+    near, side = frozen(near, np.float32), len(near)
+    box = box or Box(0, side, 0, side)
+    lefts, cracks, pixels, first, last = kernels.column_offsets(
+        near, box, scratch.offset, scratch.lefts
+    )
+    columns = max(box.left, 1), min(box.right, side - 1)
+    pictures = scratch.offset, first, last, *columns, scratch.lefts[:lefts]
     arc, contour = np.empty(cracks), np.empty(cracks, np.int32)
     length = np.empty(cracks // 4)  # a contour has 4 cracks at least
-    contours = kernels.Contours(*pictures, arc, contour, length, 0.0)
+    contours = kernels.Contours(*pictures, scratch.upright, scratch.flat, arc, contour, length, 0.0)
     count = kernels.trace_contours(contours)
     contours = contours._replace(longest=float(contours.length[:count].sum()) / 2)
     begin = np.empty(len(near) + 1, np.int32)
@@ -471,12 +379,34 @@ def silhouette_skeleton(
     )
 
 
-def pair_points(first: View, second: View, left: Crossings, right: Crossings) -> FloatArray:
+class Picked(NamedTuple):
+    """What a pair needs of a view: where rows cross its skeleton, and depths at least there.
+
+    Attributes
+    ----------
+    camera : OrthographicCamera
+    near, far : (h, w) float32
+        NaN outside the silhouette. They may belong to a canvas: its next picture overwrites them.
+    crossings : Crossings
+    box : Box
+        Rows and columns outside which is no silhouette.
+    """
+
+    camera: OrthographicCamera
+    near: Picture
+    far: Picture
+    crossings: Crossings
+    box: Box
+
+
+def pair_points(
+    first: View | Picked, second: View | Picked, left: Crossings, right: Crossings
+) -> FloatArray:
     """Return the 3D points of two silhouette skeletons whose rows correspond.
 
     Parameters
     ----------
-    first, second : View
+    first, second : View or Picked
         With the same center, extent and up-axis (`check_views`).
     left, right : Crossings
         Of the one and of the other.
