@@ -77,6 +77,9 @@ TRIES = 7  # halved 29 %, doubled 0 %
 EVEN = 10.0  # halved 81 %, doubled 88 %
 """Share of the mean diagonal in the damping: balls that few samples tell about hold still."""
 
+SHORTEST = 1e-3
+"""Share of the longest primitive below which one has the fewest places, whatever the others have."""
+
 FOR_LONG_ONES, FINER = 1.5, 0.85
 """How many times the fewest there are where that is more, so that long ones have theirs; and the
 steps in which their spacing is sought."""
@@ -507,7 +510,8 @@ def _lattice(rows: Index, balls: FloatArray) -> tuple[Index, FloatArray]:
     steps = np.full(len(rows), FEWEST_STEPS)
     most = max(LATTICE, FOR_LONG_ONES * _places_on(kinds, steps))
     spacing = float(longest.max(initial=0.0)) / FEWEST_STEPS
-    while (steps < MOST_STEPS).any() and spacing > 0.0:
+    long = longest > SHORTEST * longest.max(initial=0.0)
+    while (steps < MOST_STEPS)[long].any():
         spacing *= FINER
         more = np.clip(np.ceil(longest / spacing), FEWEST_STEPS, MOST_STEPS).astype(np.int64)
         if _places_on(kinds, more) > most:
