@@ -78,7 +78,7 @@ EVEN = 10.0  # halved 81 %, doubled 88 %
 """Share of the mean diagonal in the damping: balls that few samples tell about hold still."""
 
 SHORTEST = 1e-3
-"""Share of the longest primitive below which one has the fewest places, whatever the others have."""
+"""Share of the longest primitive below which one has the fewest places, whatever others have."""
 
 FOR_LONG_ONES, FINER = 1.5, 0.85
 """How many times the fewest there are where that is more, so that long ones have theirs; and the
