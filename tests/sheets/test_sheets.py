@@ -261,6 +261,48 @@ def test_sheet_meshes_of_a_box(longest):
     assert abs(meshes.mean_radii.max() - c / 2) < longest
 
 
+def rim_of(mesh):
+    """Edges of one triangle."""
+    edges = np.sort(mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    edges, count = np.unique(edges, axis=0, return_counts=True)
+    return edges[count == 1]
+
+
+def test_a_sheet_with_a_soft_rim_ends_on_it():
+    """The skeleton of a spheroid is a disc of radius 3/4 (area 1.767): nothing of it is fringe.
+
+    The last samples lie up to an edge of 0.07 from the equator, their centers 3/4 of that from the
+    rim; at a round edge both contacts are close, and the center moves by its square.
+    """
+    shape = forms.spheroid()
+    mesh = medialis.sheet_meshes(separated(shape)[1]).mesh
+    radii = np.hypot(*mesh.points[np.unique(rim_of(mesh))].T[:2])
+    outer = radii[radii > 0.5]
+    assert outer.min() > 0.75 - 0.02 and outer.max() <= 0.75 + 1e-3
+    assert outer.std() < 0.05 * 0.07
+    assert abs(mesh.area - math.pi * 0.75**2) < 2 * math.pi * 0.75 * 0.02
+
+
+def test_fringes_of_spikes_are_left_out(monkeypatch):
+    """Fixed: rims at soft edges were rows of spikes. Linked balls keep all their triangles."""
+    _, sheets = separated(medialis.organic_shape(64))
+    clean = medialis.sheet_meshes(sheets)
+    monkeypatch.setattr("medialis.sheets.scaffold.LOOSE", 1.0)
+    with medialis.memory_limit(0):
+        frayed = medialis.sheet_meshes(sheets)
+    lengths = []
+    for meshes in (frayed, clean):
+        mesh = meshes.mesh
+        rim = rim_of(mesh)
+        lengths.append(np.linalg.norm(mesh.points[rim[:, 0]] - mesh.points[rim[:, 1]], axis=1))
+        assert len(meshes.radii) == len(mesh.points) == len(meshes.point_sheet)
+        assert (meshes.point_sheet[mesh.faces] == meshes.face_sheet[:, None]).all()
+    assert lengths[1].sum() < 0.9 * lengths[0].sum()
+    linked = sheets.cloud.centers[sheets.linked]
+    gap = cKDTree(clean.mesh.points).query(linked)[0] - cKDTree(frayed.mesh.points).query(linked)[0]
+    assert np.quantile(gap, 0.99) < 2 * sheets.cloud.surface.spacing
+
+
 def test_scaffold_tells_which_sheets_meet():
     shape = forms.box_mesh(SIDES, 0.08)
     _, sheets = separated(shape)

@@ -271,6 +271,8 @@ class Layer(Described):
         Numbers that belong to all of it and stand in such files: `excess_volume` of balls.
     levels : Levels or None
         The same with fewer and with more points; hosts show them by a slider.
+    drawn_by : str
+        Layer of triangles of the same result that pictures show in the place of these points.
     """
 
     name: str
@@ -295,6 +297,7 @@ class Layer(Described):
     formats: tuple[str, ...] = ()
     facts: Mapping[str, float] = field(default_factory=dict)
     levels: Levels | None = None
+    drawn_by: str = ""
 
     def __post_init__(self) -> None:
         count = len(as_points(self.points, f"points of layer {self.name}"))

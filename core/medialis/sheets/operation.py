@@ -135,6 +135,7 @@ def run_medial_sheets(shape: Shape, options: MedialSheetsRun, progress: Progress
         known: dict[str, Any] = {"color_by": "sheet", "labels": ("sheet",)}
         known["attributes"] = {"sheet": meshes.point_sheet, "radius": meshes.radii}
         known["face_attributes"] = {"face_sheet": meshes.face_sheet}
+        layers = [replace(layers[0], drawn_by="sheet_meshes")]
         layers.append(Layer("sheet_meshes", meshes.mesh.points, meshes.mesh.faces, **known))
     if len(network.edges):
         known = {"attributes": {"curve": network.curve}, "color_by": "curve", "labels": ("curve",)}

@@ -501,6 +501,8 @@ def draw_result(
     (180, 240, 3)
     """
     layer, *others = result.shown or result.layers[:1]
+    if color_by is None and layer.drawn_by:
+        layer = next(one for one in result.layers if one.name == layer.drawn_by)
     progress = Progress.of(progress)
     if camera is None:
         camera = run_patiently(lambda: _framed(result, width, height), progress)

@@ -278,7 +278,7 @@ def _closed(rim: _Rim, radii: FloatArray, spacing: FloatArray) -> tuple[Index, I
     """Close slits, notches and small holes; return the triangles added, and a face beside each."""
     n, point = len(rim.points), rim.point
     new, near = [np.empty((0, 3), np.int64)], [np.empty(0, np.int64)]
-    small = _few(rim)
+    small, more = _few(rim), np.empty(0, np.int64)
     for _ in range(ZIPS):
         a, b, c = rim.corners()
         ratio, straight = rim.ratio(a, b, c)
@@ -287,8 +287,9 @@ def _closed(rim: _Rim, radii: FloatArray, spacing: FloatArray) -> tuple[Index, I
         width = WIDEST * np.minimum(spacing[point[a]], spacing[point[c]])
         wanted = outside & (((ratio >= SHARP) & (straight <= width)) | small[b])
         key = np.minimum(point[a], point[c]) * n + np.maximum(point[a], point[c])
-        place = np.minimum(np.searchsorted(rim.keys, key), len(rim.keys) - 1)
-        wanted &= (rim.near[a] == c[:, None]).any(axis=1) | (rim.keys[place] != key)
+        wanted &= (rim.near[a] == c[:, None]).any(axis=1) | ~(
+            _among(rim.keys, key) | _among(more, key)
+        )
         a, b, c, straight = (x[wanted] for x in (a, b, c, straight))
         corners = np.stack([a, b, c], axis=1)
         good = covered(rim.points[point[corners]], radii[point[corners]])
@@ -300,7 +301,7 @@ def _closed(rim: _Rim, radii: FloatArray, spacing: FloatArray) -> tuple[Index, I
         new.append(point[corners])
         near.append(b)
         ends = np.sort(point[corners[:, [0, 2]]], axis=1)
-        rim.keys = np.union1d(rim.keys, ends[:, 0] * n + ends[:, 1])
+        more = np.sort(np.concatenate([more, ends[:, 0] * n + ends[:, 1]]))
         across = _across(rim.at(a), rim.at(c), rim.at(b))
         rim.cut_short(a, b, c)
         for end in (a, c):
@@ -309,6 +310,12 @@ def _closed(rim: _Rim, radii: FloatArray, spacing: FloatArray) -> tuple[Index, I
     added, beside = np.concatenate(new), np.zeros(n, np.int64)
     beside[rim.faces.ravel()] = np.repeat(np.arange(len(rim.faces)), 3)
     return added, beside[added[:, 1]]
+
+
+def _among(rising: Index, keys: Index) -> Mask:
+    """Tell which keys are among those in rising order."""
+    place = np.searchsorted(rising, keys)
+    return np.append(rising, -1)[place] == keys
 
 
 def _few(rim: _Rim) -> Mask:
