@@ -107,8 +107,8 @@ def test_one_and_two_threads_give_the_same_tree():
 def test_masks_have_32_bits():
     """With the 64 bits of numba's sums, half as many float32 fit beside them into a vector.
 
-    What is made ahead for processors without AVX-512 took 2.75 times a kd-tree for balls between
-    triangles, and 2.13 with masks of 32 bits; for those of 2009 4.6 and 2.75.
+    What is made ahead for processors of 2013 took 2.6 times a kd-tree for balls between triangles,
+    and 2.1 with masks of 32 bits; for those of 2009 4.6 and 2.6.
     """
     numba = pytest.importorskip("numba")
     test_children = numba.njit(_test_children.py_func)

@@ -467,3 +467,25 @@ def test_unit_of_length_does_not_change_a_picture(unit):
     expected = draw([*scene(CUBE), Surface(CUBE / 3, CUBE_FACES)], frame)
     found = draw([*scene(unit * CUBE), Surface(unit * CUBE / 3, CUBE_FACES)], scaled)
     assert np.array_equal(found, expected) and ink(found).any()
+
+
+@pytest.mark.parametrize("perspective", [False, True])
+def test_what_is_empty_is_not_drawn_and_changes_no_pixel(perspective):
+    """Specks in two corners make the window the whole picture; the rest stays as it was."""
+    shape = medialis.organic_shape(56)
+    middle, far = shape.points.mean(axis=0), shape.diagonal
+    eye = middle + np.array([0.0, 0.0, 2.0 * far])
+    size = {"extent": 2.5 * far, "width": 163, "height": 121, "perspective": perspective}
+    camera = Camera(eye, middle, [0, 1, 0], **size)
+    items = [
+        Surface(shape.points, shape.faces),
+        Surface(shape.points + np.array([0.3 * far, 0, 0]), shape.faces, opacity=0.3),
+        Balls(shape.points[::40] - np.array([0.4 * far, 0, 0]), 0.02 * far),
+    ]
+    corners = middle + far * np.array([[-1.55, 1.15, 0.0], [1.55, -1.15, 0.0]])
+    alone = draw(items, camera)
+    whole = draw([*items, Balls(corners, 0.01 * far)], camera)
+    differs = (alone != whole).any(axis=2)
+    assert differs[:12, :20].any() and differs[-12:, -20:].any()
+    differs[:12, :20] = differs[-12:, -20:] = False
+    assert not differs.any()

@@ -316,12 +316,16 @@ def draw_triangles(items, triangles, lens, begin, end, mesh, out):
                 dx1 * (row + 0.5 - oy1),
                 dx2 * (row + 0.5 - oy2),
             )
+            entered = False
             for col in range(col0, col1 + 1):
                 e0 = s0 - dy0 * (col + 0.5 - ox0)
                 e1 = s1 - dy1 * (col + 0.5 - ox1)
                 e2 = s2 - dy2 * (col + 0.5 - ox2)
                 if not covers(e0, e1, e2, closed0, closed1, closed2):
+                    if entered:  # the sides only rise or only fall along a row, rounded too
+                        break
                     continue
+                entered = True
                 w = min(max((e0 * wa + e1 * wb + e2 * wc) / area, low), high)
                 depth = lens.sign / w if lens.focal > 0 else lens.sign * w
                 if depth < out_depth[row, col]:
@@ -501,13 +505,27 @@ def obscurance(row, col, depth, reach, scale):
         for dc in range(-1, 2):
             r, c = row + dr * reach, col + dc * reach
             if 0 <= r < height and 0 <= c < width:
-                total += min(max((here - depth[r, c]) / scale, 0.0), 1.0)
+                before = here - depth[r, c]
+                if before >= scale:
+                    total += 1.0
+                elif before > 0.0:
+                    total += min(before / scale, 1.0)
     return total / 8.0
 
 
 @kernel
-def phong(nx, ny, nz, px, py, pz, perspective, light):
-    """Return (diffuse factor, specular term); the highlight has the exponent 32, five squarings."""
+def _half_way(lamps, k, vx, vy, vz):
+    """Return the direction half-way between a lamp and the viewer, and its length."""
+    hx, hy, hz = lamps[k, 0] + vx, lamps[k, 1] + vy, lamps[k, 2] + vz
+    return hx, hy, hz, math.sqrt(hx * hx + hy * hy + hz * hz)
+
+
+@kernel
+def phong(nx, ny, nz, px, py, pz, perspective, light, halves):
+    """Return (diffuse factor, specular term); the highlight has the exponent 32, five squarings.
+
+    `halves` has what `_half_way` gives for each lamp and a viewer straight ahead.
+    """
     vx, vy, vz = 0.0, 0.0, -1.0
     if perspective:
         far = math.sqrt(px * px + py * py + pz * pz)
@@ -519,8 +537,9 @@ def phong(nx, ny, nz, px, py, pz, perspective, light):
     for k in range(len(lamps)):
         lx, ly, lz = lamps[k, 0], lamps[k, 1], lamps[k, 2]
         diffuse += light.diffuse * lamps[k, 3] * max(nx * lx + ny * ly + nz * lz, 0.0)
-        hx, hy, hz = lx + vx, ly + vy, lz + vz
-        length = math.sqrt(hx * hx + hy * hy + hz * hz)
+        hx, hy, hz, length = halves[k, 0], halves[k, 1], halves[k, 2], halves[k, 3]
+        if perspective:
+            hx, hy, hz, length = _half_way(lamps, k, vx, vy, vz)
         if length > 0:
             s = max((nx * hx + ny * hy + nz * hz) / length, 0.0)
             s *= s
@@ -544,6 +563,11 @@ def shade(canvas, lens, balls, mesh, light, begin, end, out):
     see_through = len(glass) > 0
     top = len(curve) - 1
     transparent = out.shape[2] == 4
+    halves = np.empty((len(light.lamps), 4))
+    for k in range(len(halves)):
+        halves[k, 0], halves[k, 1], halves[k, 2], halves[k, 3] = _half_way(
+            light.lamps, k, 0.0, 0.0, -1.0
+        )
     for row in range(begin, end):
         for col in range(out.shape[1]):
             red = green = blue = cover = x0 = y0 = z0 = 0.0
@@ -551,6 +575,9 @@ def shade(canvas, lens, balls, mesh, light, begin, end, out):
             inside = True  # one triangle or ball covers the pixel: its light is computed once
             for sub in range(1, n * n):
                 inside &= index[row * n + sub // n, col * n + sub % n] == first
+            if inside and first < 0 and not see_through and transparent:
+                out[row, col, :3], out[row, col, 3] = curve[0], 0
+                continue
             for sub in range(n * n):
                 r, c = row * n + sub // n, col * n + sub % n
                 i = index[r, c]
@@ -563,7 +590,7 @@ def shade(canvas, lens, balls, mesh, light, begin, end, out):
                         nx, ny, nz, _, x0, y0, z0 = triangle_hit(
                             i - count, px, py, pz, perspective, mesh
                         )
-                    part, shine = phong(nx, ny, nz, px, py, pz, perspective, light)
+                    part, shine = phong(nx, ny, nz, px, py, pz, perspective, light, halves)
                     part *= 1.0 - light.shadow * obscurance(r, c, depth, 2 * n, light.shadow_depth)
                     x0, y0, z0 = x0 * part + shine, y0 * part + shine, z0 * part + shine
                 x = y = z = solid = 0.0

@@ -181,11 +181,11 @@ BALLS_A_STEP, PIXELS_A_STEP, TRIANGLES_A_STEP = 1 << 16, 1 << 23, 1 << 14
 """Drawn by one kernel call at most: some 30 ms."""
 
 
-def blank_canvas(camera: Camera) -> Canvas:
-    """Return a canvas of the size of the picture, without glass."""
+def blank_canvas(height: int, width: int) -> Canvas:
+    """Return a canvas of so many pixels, without glass."""
     from medialis.base._splat_kernels import Canvas
 
-    depth = np.full((camera.height, camera.width), np.inf)
+    depth = np.full((height, width), np.inf)
     return Canvas(depth, np.full(depth.shape, -1, np.int32), np.zeros((0, 0, 4), np.float32))
 
 
@@ -336,7 +336,7 @@ def rasterize(
     (4.0, True)
     """
     steps = Progress.of(progress)
-    lens, canvas, count = lens_of(camera), blank_canvas(camera), 0
+    lens, canvas, count = lens_of(camera), blank_canvas(camera.height, camera.width), 0
     if centers is not None:
         data = as_points(centers, "centers")
         sizes = as_radii(0.0 if radii is None else radii, len(data))
@@ -552,26 +552,31 @@ def render_layers(
             f"{MAX_PIXELS} samples; use a smaller picture or supersampling."
         )
     fine = replace(camera, width=camera.width * n, height=camera.height * n)
-    lens, canvas = lens_of(fine), blank_canvas(fine)
     opaques = [layer for layer in meshes if layer.opacity >= 1]
     veils = [layer for layer in meshes if 0 < layer.opacity < 1]
     steps = Progress.of(progress)
 
-    def draw(layers: list[MeshLayer], base: int) -> Mesh:
+    def see(layers: list[MeshLayer], base: int) -> tuple[Triangles, Mesh]:
         mesh = run_patiently(lambda: mesh_of(layers, fine), steps)
-        seen = run_patiently(lambda: see_triangles(fine, mesh.points, mesh.faces, base), steps)
-        draw_mesh(seen, lens, mesh, canvas, steps)
-        return mesh
+        found = run_patiently(lambda: see_triangles(fine, mesh.points, mesh.faces, base), steps)
+        return found, mesh
 
+    seen = run_patiently(lambda: _balls_of(balls, fine, n), steps)
+    faces, solid = see(opaques, len(seen.radii))
+    layers, veil = see(veils, 0)
+    rows, columns = _window(seen, (faces, layers), fine, n)
+    seen, faces, layers = _moved(seen, faces, layers, rows.start, columns.start)
+    lens = lens_of(fine)
+    lens = lens._replace(column=lens.column - columns.start, row=lens.row - rows.start)
+    canvas = blank_canvas(rows.stop - rows.start, columns.stop - columns.start)
     with steps.stage("balls", 0.0, 0.5):
-        seen = run_patiently(lambda: _balls_of(balls, fine, n), steps)
         draw_balls(seen, lens, canvas, steps)
     with steps.stage("triangles", 0.5, 0.7):
-        solid = draw(opaques, len(seen.radii))
-    if any(len(layer.faces) for layer in veils):
+        draw_mesh(faces, lens, solid, canvas, steps)
+    if len(layers.corners):
         canvas = canvas._replace(glass=np.zeros((*canvas.depth.shape, 4), np.float32))
         with steps.stage("see-through", 0.7, 0.9):
-            draw(veils, 0)
+            draw_mesh(layers, lens, veil, canvas, steps)
     light = Light(
         _LAMPS,
         float(style.ambient),
@@ -582,11 +587,56 @@ def render_layers(
         0.0 if style.background is None else float(to_linear(style.background)),
         _encoding(),
     )
-    picture = np.empty((camera.height, camera.width, 3 + (style.background is None)), np.uint8)
+    channels = 3 + (style.background is None)
+    part = np.empty((len(canvas.depth) // n, canvas.depth.shape[1] // n, channels), np.uint8)
 
     def band(begin: int, end: int) -> None:
-        shade(canvas, lens, seen, solid, light, begin, end, picture)
+        shade(canvas, lens, seen, solid, light, begin, end, part)
 
     with steps.stage("light", 0.9, 1.0):
-        run_chunks(band, camera.height, BAND, progress=steps)
+        run_chunks(band, len(part), BAND, progress=steps)
+    ground = np.empty((1, 1, channels), np.uint8)
+    shade(blank_canvas(n, n), lens, seen, solid, light, 0, 1, ground)
+    picture = np.broadcast_to(ground, (camera.height, camera.width, channels)).copy()
+    top, left = rows.start // n, columns.start // n
+    picture[top : top + len(part), left : left + part.shape[1]] = part
     return picture
+
+
+def _window(
+    balls: Balls, meshes: tuple[Triangles, ...], camera: Camera, step: int
+) -> tuple[slice, slice]:
+    """Return rows and columns, multiples of `step`, outside of which nothing is drawn.
+
+    A thing fills a fifth of its picture; the rest need not be drawn, nor have memory.
+    """
+    size = np.array([camera.height, camera.width])
+    low, high = [size], [np.zeros(2, np.int64)]
+    boxes = balls.boxes[balls.boxes[:, 1] >= 0].astype(np.int64)
+    if len(boxes):
+        low.append(boxes[:, ::2].min(axis=0))
+        high.append(boxes[:, 1::2].max(axis=0) + 1)
+    for mesh in meshes:
+        if len(mesh.corners):
+            at = mesh.screen[:, 1::-1]
+            with np.errstate(invalid="ignore"):
+                least, most = np.nan_to_num(at.min(axis=0)), np.nan_to_num(at.max(axis=0))
+            finite = bool(np.isfinite(least + most).all() and np.isfinite(at).all())
+            low.append(np.clip(least, 0, size).astype(np.int64) if finite else 0 * size)
+            high.append(np.clip(most + 1, 0, size).astype(np.int64) if finite else size)
+    first = np.min(low, axis=0) // step * step
+    last = np.maximum(-(-np.max(high, axis=0) // step) * step, first)
+    return slice(int(first[0]), int(last[0])), slice(int(first[1]), int(last[1]))
+
+
+def _moved(
+    balls: Balls, faces: Triangles, layers: Triangles, row: int, column: int
+) -> tuple[Balls, Triangles, Triangles]:
+    """Return what is seen in a window that begins at a row and a column; no bit is rounded away."""
+    start = np.array([column, row, 0.0])
+    boxes = balls.boxes - np.array([row, row, column, column], np.int32)
+    return (
+        balls._replace(boxes=boxes),
+        faces._replace(screen=faces.screen - start),
+        layers._replace(screen=layers.screen - start),
+    )
