@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 import closed_forms
 import medialis
+from medialis.curves.from_views.drawing import Canvas
 from medialis.curves.from_views.skeleton import GivenViews, PackedViews, _match, _sharpen
 from medialis.curves.from_views.views import (
     camera_axes,
@@ -401,3 +402,31 @@ def test_clouds_that_fill_a_volume_are_linked_coarsely():
 
     link_points(points, weights, 0.02, measure, most=2000)
     assert asked[0] < 3000  # another grid of the same cells; 27,000 cells of 0.02 hold points
+
+
+@pytest.mark.parametrize("kind", ["closed", "turned", "open", "doubled"])
+def test_outlines_give_the_silhouette_of_all_triangles(kind):
+    """Whatever meets at an edge: the same pixels, and at the skeleton the same depths."""
+    shape = medialis.organic_shape(56)
+    faces = np.array(shape.faces)
+    rng = np.random.default_rng(0)
+    if kind == "turned":  # neighbours face different ways
+        some = rng.random(len(faces)) < 0.3
+        faces[some] = faces[some][:, ::-1]
+    elif kind == "open":
+        faces = faces[rng.random(len(faces)) < 0.7]
+    elif kind == "doubled":  # four triangles at an edge
+        faces = np.concatenate([faces, faces[: len(faces) // 2]])
+    triangles = medialis.Rasterizer(shape.points, np.ascontiguousarray(faces))
+    one, other = Canvas(triangles, 128), Canvas(triangles, 128)
+    center, radius = sphere_of(shape.points)
+    for a, b in camera_pairs(center, radius, pairs=3, angle=0.3, size=128):
+        whole, outline = one.first(b, 1.0), one.second(b, 1.0)
+        assert (np.isnan(whole.near) == np.isnan(outline.near)).all()
+        assert (whole.crossings.column == outline.crossings.column).all()
+        first = other.first(a, 1.0)
+        points, same = (
+            pair_points(first, second, first.crossings, second.crossings)
+            for second in (whole, outline)
+        )
+        assert len(points) > 50 and points.tobytes() == same.tobytes()
