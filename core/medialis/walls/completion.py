@@ -21,7 +21,7 @@ from medialis.shape.shape import Shape
 if TYPE_CHECKING:
     from medialis.walls._completion_kernels import Levels, System
 
-FEWEST_STEPS, MOST_STEPS, SMOOTHED_ROWS = 3, 20, 200_000
+FEWEST_STEPS, MOST_STEPS, SMOOTHED_ROWS = 3, 20, 100_000
 """Steps on each level, vertices or clusters, of which the coarser one is the start; between the
 first two as many as smooth so many rows in all. With 3 the field of horse2 is off by 0.4 % in the
 median, with 6 by 0.1 %, with 40 steps at the vertices alone by 3 %; that of igea2, of 0.5 million
