@@ -33,7 +33,7 @@ SMOOTHING_ACCURACY = 1e-3
 FEW_ROWS = 300
 """Vertices or clusters that are not clustered further."""
 
-CARRIED = 2.0
+CARRIED = 4.0
 """Thicknesses from what changes up to which a completed field is completed again."""
 
 
@@ -115,8 +115,11 @@ def complete_again(before: CompletedField, other: FloatArray, known: FloatArray)
     spread_again(rows, cut, surface.points, graph.offsets, graph.indices, distance, seed)
     if (seed[rows] < 0).any():
         return complete(surface, other, known)
-    starts = np.union1d(changed, rows)
-    near = _near(surface, missing & (seed >= 0), starts, known[seed[starts]])
+    free = missing & (seed >= 0)
+    # What is lower than all that is known now came from what is gone, however far that is.
+    low = np.flatnonzero(free & (before.values < np.nanmin(known)))
+    starts = np.union1d(np.union1d(changed, rows), low)
+    near = _near(surface, free, starts, known[seed[starts]])
     values = np.where(missing, before.values, known)
     values[seed < 0] = np.nan
     rows, graph = _ordered(near, distance), mesh_graph(surface.faces, near)
