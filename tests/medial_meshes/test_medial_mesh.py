@@ -7,6 +7,7 @@ import medialis
 from closed_forms import box_mesh, icosphere, torus_mesh
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import memory_limit
+from medialis.base.progress import Progress
 from medialis.base.threads import thread_limit
 from medialis.medial_meshes.mesh import betti_numbers
 from medialis.medial_meshes.sampling import Solid
@@ -402,3 +403,22 @@ def test_an_inside_that_lies_nowhere_near_is_refused_with_a_sentence():
     with pytest.raises(InvalidShapeError, match=r"off by \d+ % of the diagonal"):
         medialis.medial_mesh(caps[0], balls=20, samples=1000, quality="fast")
     assert len(medialis.medial_mesh(caps[1], balls=20, samples=1000, quality="fast"))
+
+
+@pytest.mark.slow
+def test_noise_above_the_relief_is_smoothed():
+    """Noise of 1 % of the diagonal of a torus. What is below the relief leaves no branches."""
+    shape, random = torus_mesh(), np.random.default_rng(0)
+
+    def far(noise, **options):
+        move, told = noise * shape.diagonal * random.normal(size=shape.points.shape), Progress()
+        noisy = medialis.make_shape(shape.points + move, shape.faces)
+        options |= {"balls": 24, "samples": 800, "quality": "fast", "progress": told}
+        mesh = medialis.medial_mesh(noisy, **options)
+        levels = [message.data["noise"] for message in told.messages if message.code == "denoised"]
+        return error(mesh, shape), levels
+
+    smooth, levels = far(0.01)
+    rough, none = far(0.01, denoise="off")
+    assert smooth < rough and none == far(0.001)[1] == []
+    assert 0.005 < levels[0] < 0.02

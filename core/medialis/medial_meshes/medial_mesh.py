@@ -15,7 +15,7 @@ import numpy as np
 from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import Options, algorithm, choice, length, whole
+from medialis.base.options import Options, algorithm, changed, choice, length, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_together
 from medialis.base.validation import FloatArray
@@ -44,6 +44,7 @@ from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
 from medialis.medial_meshes.roofs import planes_of as planes_of_faces
 from medialis.medial_meshes.sampling import Solid, take_samples, without_holes
 from medialis.shape.shape import Shape
+from medialis.skeleton.surface_skeleton import Preparation, smooth_copy
 
 UNCLEAR = 0.4
 """Diagonals: an envelope of an open mesh that is farther from it tells nothing of the shape; one
@@ -456,6 +457,7 @@ class MedialMeshOptions(Options):
     seed: int = whole(
         0, "Seed", "Another number draws other samples.", low=0, high=2**31 - 1, advanced=True
     )
+    denoise: str = changed(Preparation, "denoise")
 
 
 @algorithm(MedialMeshOptions)
@@ -511,6 +513,7 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
     middle, scale = 0.5 * (low + high), shape.diagonal
     if scale == 0.0:
         raise InvalidShapeError("All points of the shape coincide: it encloses nothing.")
+    shape = smooth_copy(shape, options.denoise, options.relief, progress)
     with progress.stage("complex", 0.0, 0.4):
         base = _base(shape, options, progress)
     with progress.stage("fit", 0.4, 1.0):

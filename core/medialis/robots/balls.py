@@ -211,7 +211,7 @@ def _sphere(shape: Shape) -> BallCover | None:
 
 def _mesh(name: str, shape: Shape, balls: int, progress: Progress) -> MedialMesh:
     try:
-        return medial_mesh(shape, balls=balls, quality="fast", progress=progress)
+        return medial_mesh(shape, balls=balls, quality="fast", denoise="off", progress=progress)
     except InvalidShapeError as error:
         raise InvalidShapeError(f"Link {name}: {error}") from error
 

@@ -164,7 +164,7 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
     (True, True)
     """
     with progress.stage("medial mesh", 0.0, 0.4):
-        given = MedialMeshOptions(balls=BALLS, quality="fast")
+        given = MedialMeshOptions(balls=BALLS, quality="fast", denoise="off")
         mesh = medial_mesh.of(shape, given, progress.still)
     assert shape.faces is not None
     middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal

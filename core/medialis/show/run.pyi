@@ -161,6 +161,7 @@ def run(
     samples: int = 5000,
     relief: float | str | Length = 0.002,
     seed: int = 0,
+    denoise: Literal["auto", "off"] = "auto",
 ) -> Result: ...
 @overload
 def run(

@@ -477,31 +477,52 @@ def prepared(
 def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:
     """Smooth a noisy mesh, and raise the tolerance to what noise is left."""
     tolerance = options.tolerance
-    if options.denoise == "off" or shape.faces is None or shape.diagonal == 0.0:
-        return shape, tolerance
-    work = partial(run_patiently, lambda: _without_noise(shape), progress)
-    smooth, level, left = kept(_without_noise, shape, None, work, progress)
+    smooth, level, left = _without_noise(shape, options.denoise, progress)
     if smooth is shape:
         return shape, tolerance
     highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")
     raised = min(max(tolerance, left / shape.diagonal), highest)
     text = f", with a tolerance of {100 * raised:.3f} %" if raised > tolerance else ""
-    said = (
-        f"The surface is noisy, by {100 * level / shape.diagonal:.2g} % of the diagonal: a "
-        f"smoothed copy was used{text} (denoise = off turns this off)."
-    )
-    progress.note(said, "denoised", noise=level / shape.diagonal, tolerance=raised)
+    noise = level / shape.diagonal
+    progress.note(_smoothed(noise, text), "denoised", noise=noise, tolerance=raised)
     return smooth, raised
 
 
-def _without_noise(shape: Shape) -> tuple[Shape, float, float]:
+def smooth_copy(shape: Shape, denoise: str, least: float, progress: Progress) -> Shape:
+    """Return a mesh smoothed, and say so, where its noise is above a least share of its diagonal.
+
+    Others stay as they are, and so do all with "off".
+    """
+    smooth, level, _ = _without_noise(shape, denoise, progress)
+    if smooth is shape or level <= least * shape.diagonal:
+        return shape
+    noise = level / shape.diagonal
+    progress.note(_smoothed(noise), "denoised", noise=noise)
+    return smooth
+
+
+def _smoothed(level: float, text: str = "") -> str:
+    return (
+        f"The surface is noisy, by {100 * level:.2g} % of the diagonal: a smoothed copy was "
+        f"used{text} (denoise = off turns this off)."
+    )
+
+
+def _without_noise(shape: Shape, denoise: str, progress: Progress) -> tuple[Shape, float, float]:
     """Return a smooth copy of a noisy shape, the noise before, and what is left of it."""
-    least = NOISY_FROM * shape.spacing
-    level = noise_above(shape, least)
-    if level == 0.0 or level < least:
-        return shape, level, 0.0
-    smooth, left = smooth_noise(shape, level)
-    return (smooth, level, left) if smooth.diagonal > 0 else (shape, level, 0.0)
+    if denoise == "off" or shape.faces is None or shape.diagonal == 0.0:
+        return shape, 0.0, 0.0
+
+    def find() -> tuple[Shape, float, float]:
+        least = NOISY_FROM * shape.spacing
+        level = noise_above(shape, least)
+        if level == 0.0 or level < least:
+            return shape, level, 0.0
+        smooth, left = smooth_noise(shape, level)
+        return (smooth, level, left) if smooth.diagonal > 0 else (shape, level, 0.0)
+
+    work = partial(run_patiently, find, progress)
+    return kept(_without_noise, shape, None, work, progress)
 
 
 def _refined(
