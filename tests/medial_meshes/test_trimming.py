@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from medialis.medial_meshes.fins import trimmed
 from medialis.medial_meshes.mesh import Complex, betti_numbers
-from medialis.medial_meshes.trimming import trimmed
 
 SQUARE = [[0, 0, 0, 1.0], [4, 0, 0, 1.0], [4, 4, 0, 1.0], [0, 4, 0, 1.0]]
 EDGES = [[0, 1], [1, 2], [0, 2], [2, 3], [0, 3]]

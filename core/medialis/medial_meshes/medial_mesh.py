@@ -23,7 +23,15 @@ from medialis.medial_meshes.collapsing import EVEN_HOLD, HOLD, coarser, collapse
 from medialis.medial_meshes.distances import measure
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.fine_complex import FineComplex, fine_complex
-from medialis.medial_meshes.fins import Planes, creased, finless, is_round, on_reflex_edges, useful
+from medialis.medial_meshes.fins import (
+    Planes,
+    creased,
+    finless,
+    is_round,
+    on_reflex_edges,
+    trimmed,
+    useful,
+)
 from medialis.medial_meshes.fitting import DAMPING, Bounds, Fit, Follower, Target, Watched
 from medialis.medial_meshes.mesh import Collapse, Complex, LateCollapse, MedialMesh
 from medialis.medial_meshes.polyhedra.parting import (
@@ -43,7 +51,6 @@ from medialis.medial_meshes.refining import (
 from medialis.medial_meshes.roofs import Roof, complex_of, roof_of
 from medialis.medial_meshes.roofs import planes_of as planes_of_faces
 from medialis.medial_meshes.sampling import Solid, take_samples, without_holes
-from medialis.medial_meshes.trimming import trimmed
 from medialis.shape.shape import Shape
 
 UNCLEAR = 0.4
