@@ -208,6 +208,11 @@ def boundary_points(envelope: Envelope, wanted: int = ON_ENVELOPE) -> tuple[Floa
 Parts = tuple[FloatArray, Index, Index]
 
 
+def points_on(parts: Parts, step: float) -> FloatArray:
+    """Return points on all balls, cones and slabs, about so far apart, hidden ones as well."""
+    return _spread(parts, np.full(sum(len(one) for one in parts), step))[0]
+
+
 def _step_for(most: int, parts: Parts, which: Mask, step: float) -> float:
     """Return a step, smaller and smaller, at which some parts have this many points."""
     for _ in range(60):

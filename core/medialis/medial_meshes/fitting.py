@@ -77,12 +77,9 @@ TRIES = 7  # halved 29 %, doubled 0 %
 EVEN = 10.0  # halved 81 %, doubled 88 %
 """Share of the mean diagonal in the damping: balls that few samples tell about hold still."""
 
-SHORTEST = 1e-3
-"""Share of the longest primitive below which one has the fewest places, whatever others have."""
-
-FOR_LONG_ONES, FINER = 1.5, 0.85
-"""How many times the fewest there are where that is more, so that long ones have theirs; and the
-steps in which their spacing is sought."""
+FOR_LONG_ONES, FINER, SHORTEST = 1.5, 0.85, 1e-2
+"""How many times the fewest there are where that is more, so that long ones have theirs; the
+steps in which their spacing is sought, and its smallest part of the longest."""
 
 WHOLE = 1_441_440
 """Of which each number of steps, and twice as many, is a divisor: equal shares are equal."""
@@ -509,9 +506,9 @@ def _lattice(rows: Index, balls: FloatArray) -> tuple[Index, FloatArray]:
     longest = np.sqrt(np.linalg.norm(centers - np.roll(centers, 1, axis=1), axis=2).max(axis=1))
     steps = np.full(len(rows), FEWEST_STEPS)
     most = max(LATTICE, FOR_LONG_ONES * _places_on(kinds, steps))
-    spacing = float(longest.max(initial=0.0)) / FEWEST_STEPS
-    long = longest > SHORTEST * longest.max(initial=0.0)
-    while (steps < MOST_STEPS)[long].any():
+    whole = float(longest.max(initial=0.0))
+    spacing = whole / FEWEST_STEPS
+    while spacing > SHORTEST * whole:
         spacing *= FINER
         more = np.clip(np.ceil(longest / spacing), FEWEST_STEPS, MOST_STEPS).astype(np.int64)
         if _places_on(kinds, more) > most:
