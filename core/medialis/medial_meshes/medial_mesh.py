@@ -253,7 +253,8 @@ class Search:
 
     def _fitted(self, start: Complex, target: Target, plan: str, damping: float = DAMPING) -> Fit:
         """Fit a complex by one of the plans."""
-        return Fit(self._mended(start), target, damping, self._still).run(PLANS[plan])
+        start = self._mended(start) if self.balls <= CLOSELY else start
+        return Fit(start, target, damping, self._still).run(PLANS[plan])
 
     def _mended(self, start: Complex) -> Complex:
         """Return a complex with the fine balls next to them in the place of balls outside.
