@@ -191,8 +191,9 @@ def low_places(
     # A sample so much lower than those round it that it could be a place of its own is a speck.
     depth = np.where(calm[rows] < ratio * field[rows], field[rows], calm[rows])
     turn = np.lexsort((rows, field[rows], calm[rows], depth))
-    lives = heights[turn] - depth[turn]
-    return _regions(calm, (rows[turn], depth[turn], ratio * calm[rows[turn]], lives), graph)
+    depth = depth[turn]
+    lives = np.subtract(heights[turn], depth, out=np.zeros_like(depth), where=depth < np.inf)
+    return _regions(calm, (rows[turn], depth, ratio * calm[rows[turn]], lives), graph)
 
 
 def _cloud_links(shape: Shape) -> IntArray:
