@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from medialis.base.arrays import EdgeTable, Index, Mask
 from medialis.base.validation import FloatArray, IntArray, frozen
@@ -181,6 +180,8 @@ def _fans(faces: Index, table: EdgeTable, at_rim: Mask) -> Index:
 
     Triangles with an edge in common are in one fan, unless a third one has it as well.
     """
+    from scipy import sparse
+
     corner = np.flatnonzero(at_rim[faces.ravel()])
     place = np.full(faces.size, -1, np.int64)
     place[corner] = np.arange(len(corner))
@@ -320,6 +321,8 @@ def _among(rising: Index, keys: Index) -> Mask:
 
 def _few(rim: _Rim) -> Mask:
     """Return which nodes lie on a hole of few edges."""
+    from scipy import sparse
+
     v = len(rim.point)
     rows, columns = np.nonzero(rim.near >= 0)
     ends = rows, rim.near[rows, columns]
@@ -356,6 +359,8 @@ def _without_teeth(rim: _Rim, fixed: Mask) -> Mask:
 
 def _smoothed(rim: _Rim, radii: FloatArray, fixed: Mask) -> Blend:
     """Return the weights of the given points at the smoothed ones."""
+    from scipy import sparse
+
     n, point = len(rim.points), rim.point
     node, place = np.nonzero(rim.near >= 0)
     rows, columns = point[node], point[rim.near[node, place]]
