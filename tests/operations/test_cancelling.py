@@ -65,7 +65,8 @@ def test_pictures_and_files_report(creature, tmp_path):
     result = medialis.run("surface_skeleton", creature)
     bands = 1500 // 32
     calls = calls_of(lambda told: medialis.draw_result(result, progress=told))
-    assert calls["balls"] >= bands and calls["see-through"] >= bands / 2 and calls["light"] >= 23
+    assert calls["triangles"] >= bands and calls["see-through"] >= bands
+    assert min(calls["balls"], calls["light"]) >= bands / 4  # bands with nothing in them are one
     calls = calls_of(lambda told: medialis.write_result(result, tmp_path / "out", progress=told))
     assert calls.keys() == {"write", "picture", "check"}
     assert calls["picture"] >= 2 * bands and calls["write"] >= len(result.layers)
