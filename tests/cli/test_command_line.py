@@ -425,10 +425,10 @@ def test_a_closed_pipe_is_not_an_error():
 @pytest.mark.parametrize("words", ["list", "--help", "--version", "thickness --help"])
 def test_output_that_cannot_be_printed_is_one_sentence(words):
     """A full disk behind `medialis list > file` was a traceback; behind --help nothing (fixed)."""
+    command = [sys.executable, "-m", "medialis", *words.split()]
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "medialis", *words.split()], stdout=full, stderr=subprocess.PIPE
-        )
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, env=buffered)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
 
 

@@ -86,6 +86,7 @@ class _Version(argparse.Action):
         from medialis.base.version import package_version
 
         say(f"medialis {package_version()}")
+        sys.stdout.flush()
         parser.exit()
 
 
