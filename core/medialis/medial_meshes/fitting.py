@@ -523,9 +523,7 @@ def _lattice(rows: Index, balls: FloatArray) -> tuple[Index, FloatArray]:
         else:
             split = [(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]
         which = np.flatnonzero((kinds == kind) & (steps == count))
-        shares = np.array(split) * (
-            WHOLE // (count if kind == 3 else 2 * count if kind == 2 else 1)
-        )
+        shares = np.array(split) * (WHOLE // sum(split[0]))
         parts.append((np.repeat(which, len(shares)), np.tile(shares, (len(which), 1))))
     row, shares = (np.concatenate(part) for part in zip(*parts, strict=True))
     first = _first_of_each(np.where(shares > 0, rows[row], -1), shares)
@@ -539,10 +537,8 @@ def _first_of_each(corners: Index, shares: Index) -> Index:
     keys = np.zeros(len(corners), np.int64)
     _, ranks = np.unique(shares, return_inverse=True)
     shares = ranks.reshape(shares.shape)
-    for table, columns in (
-        (corners + 1, 3),
-        (shares, 2),
-    ):  # the third share follows from the others
+    # The third share follows from the others.
+    for table, columns in ((corners + 1, 3), (shares, 2)):
         size = int(table.max(initial=0)) + 1
         for column in np.take_along_axis(table, order[:, :columns], axis=1).T:
             keys = keys * size + column

@@ -89,7 +89,7 @@ seams leaves smaller errors."""
 
 SPREAD = 4000
 """So many balls are spread evenly on whole sheets; fewer of these lie where the surface needs them,
-which an elk of 610 balls shows: evenly they are off by 0.72 %, so by 0.31."""
+which an elk of 610 balls shows: evenly they are off by 0.72 %, so by 0.23."""
 
 CLOSELY, MORE_KEPT_BACK = 2000, 0.15
 """Up to so many of them are looked at closely; the share that is added where that is worst. More
@@ -123,9 +123,10 @@ UNNEEDED = 0.1
 """Part of the error: what changes the envelope by less is taken from the rims."""
 
 FEWEST, FEW = 40, 250
-"""Up to the second those balls are put elsewhere, and beyond the first no shares of the balls are
-tried: that is nearer in less time (bug 60 .49 % instead of .51, elk 124 .40 of .45, two seeds), but
-with 30 a bug is 1.30 % off with them and 1.42 without. With more, finding such parts takes long."""
+"""Up to the second those balls are put elsewhere; with more, finding such parts takes long. Beyond
+the first no shares of the balls are tried then, which takes longer and is no nearer (bug 60 .51 %
+with them and .49 without, elk 124 .45 and .40, two seeds); with 30 a bug needs them (1.30, 1.42).
+"""
 
 LAST, STALE, GAIN = 6, 2, 0.99
 """How often the last fit is made, and how often without lowering the error below this share."""

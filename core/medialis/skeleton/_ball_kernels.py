@@ -372,6 +372,15 @@ def in_balls(la, lb, lc, ra, rb, rc):
 
 
 @kernel
+def cover(corners, radii, out_whole):
+    """Tell which triangles (t, 3, 3) the balls at their corners, of radii (t, 3), cover."""
+    for f in range(len(corners)):
+        at, size = corners[f], radii[f]
+        sides = distance(at, 1, 2), distance(at, 2, 0), distance(at, 0, 1)
+        out_whole[f] = in_balls(sides[0], sides[1], sides[2], size[0], size[1], size[2])
+
+
+@kernel
 def bridge_gaps(faces, points, source, row_near, out_row_near):
     """One round: a sample without a row takes the row of a neighbour, of the nearest source."""
     for f in range(len(faces)):

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import EdgeTable, Index, Mask
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.surface import Surface
-from medialis.skeleton._ball_kernels import SEGMENT
+from medialis.skeleton._ball_kernels import cover
 
 SHARP = 1.4
 """Length of two edges over that of the third side: tips and notches of less than 91 degrees."""
@@ -229,21 +229,9 @@ def _apart(rank: FloatArray, corners: Index, count: int) -> Mask:
 
 def covered(corners: FloatArray, radii: FloatArray) -> Mask:
     """Tell which triangles (t, 3, 3) the balls at their corners cover: see `in_balls`."""
-    a, b, c = corners.transpose(1, 0, 2)
-    la, lb, lc = _norm(b - c), _norm(c - a), _norm(a - b)
-    ra, rb, rc = radii.T
-    meet = (la <= rb + rc) & (lb <= rc + ra) & (lc <= ra + rb)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cx = (lb * lb + lc * lc - la * la) / (2.0 * lc)
-        cy2 = lb * lb - cx * cx
-        cy = np.sqrt(np.maximum(cy2, 0.0))
-        x = (lc * lc + ra * ra - rb * rb) / (2.0 * lc)
-        y = (lb * lb + ra * ra - rc * rc - 2.0 * x * cx) / (2.0 * cy)
-        v = y / cy
-        u = (x - v * cx) / lc
-        flat = ~(cy2 > SEGMENT * lc * lc)
-        whole = (x * x + y * y <= ra * ra) | (u < 0.0) | (v < 0.0) | (u + v > 1.0)
-    return meet & (flat | whole)
+    whole = np.empty(len(corners), np.bool_)
+    cover(corners, radii, whole)
+    return whole
 
 
 def clean_rims(

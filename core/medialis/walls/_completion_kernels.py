@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._kernels import pop, push
+from medialis.base._kernels import group_keys, pop, push
 from medialis.base.jit import kernel
 
 LEAST_WEIGHT = 1e-3
@@ -171,15 +171,8 @@ def make_clusters(system, out_cluster):
 def enter_clusters(system, cluster, out):
     """Fill the system of clusters. Return its links."""
     count = len(out.degree)
-    start, members = np.zeros(count + 1, np.int64), np.empty(len(cluster), np.int32)
-    for row in range(len(cluster)):
-        start[cluster[row] + 1] += 1
-    for c in range(count):
-        start[c + 1] += start[c]
-    place = start.copy()
-    for row in range(len(cluster)):
-        members[place[cluster[row]]] = row
-        place[cluster[row]] += 1
+    start, members = np.zeros(count + 2, np.int64), np.empty(len(cluster), np.int32)
+    group_keys(cluster, start, members)
     slot, filled = np.full(count, -1, np.int64), 0
     for c in range(count):
         out.first[c], out.degree[c], out.pull[c] = filled, 0.0, 0.0

@@ -66,9 +66,8 @@ class Views(NamedTuple):
 @kernel
 def words_in(width):
     """Return how many words a row of pixels takes."""
-    return (
-        width + 63
-    ) >> 6  # a division, of numbers that may be negative, costs more than all else
+    # A division, of numbers that may be negative, costs more than all else.
+    return (width + 63) >> 6
 
 
 @kernel
