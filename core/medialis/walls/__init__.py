@@ -5,5 +5,6 @@ calipers, regions of the wall check with their ribs, tapers and gaps, and sheets
 (`midsurface/`). Thickness is the thesis's; what follows from it is not in the thesis.
 
 Read `thickness.py` first, then `thin_spots.py` and `wall_check.py`; `completion.py` carries a field
-to where no wall is, `ribs.py` knows walls of even thickness. Operations are declared in `operation.py`; the next check of walls goes beside them.
+to where no wall is, `ribs.py` knows walls of even thickness. Operations are declared in
+`operation.py`; the next check of walls goes beside them.
 """
