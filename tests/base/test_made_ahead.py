@@ -97,9 +97,9 @@ class Block:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Block())
 import medialis
-given = {"view_curve_skeleton": {"pairs": 10, "size": 96}}
-shape = medialis.sample_shape("creature")
-bracket = medialis.sample_shape("bracket")
+from medialis.shape import samples
+given = {"view_curve_skeleton": {"pairs": 10, "size": 96}, "medial_mesh": {"balls": 20}}
+shape, bracket = (samples._MADE[name][0](64) for name in ("creature", "bracket"))
 def run(name):
     result = medialis.run(name, bracket if name == "midsurface" else shape, **given.get(name, {}))
     medialis.draw_result(result, width=320, height=240)

@@ -94,7 +94,7 @@ def test_the_plain_shapes_are_closed(mesh):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count"),
-    [("files", 80), ("shapes", 9), ("defaults", 8), ("disk", 1), ("calls", 1), ("attackers", 5)],
+    [("files", 50), ("shapes", 5), ("defaults", 4), ("disk", 1), ("calls", 1), ("attackers", 3)],
 )
 def test_some_cases_of_each_kind(name, count, tmp_path, capsys):
     seed = "1" if name == "calls" else "0"  # a single run, and not a batch
