@@ -89,6 +89,34 @@ def test_the_search_agrees_with_scipy_also_when_sources_are_added():
         assert way[-1] == grown.base[ball] and steps.sum() == pytest.approx(grown.path[ball])
 
 
+def test_costs_of_all_sizes_need_no_more_than_wider_buckets():
+    """Some links cost a billionth of what others cost, and some a million times as much."""
+    from scipy.sparse.csgraph import dijkstra
+
+    links = random_links()
+    ends = np.repeat(np.arange(len(links.radii)), np.diff(links.offsets))
+    wild = links._replace(cost=links.cost * 10.0 ** ((ends + links.neighbours) % 16 - 9))
+    grown = GraphTree(wild)
+    grown.add([3])
+    slow = dijkstra(matrix(wild), indices=[3], min_only=True)
+    assert np.allclose(grown.spent, slow, rtol=1e-12)
+
+
+def test_paths_of_targets_are_those_of_a_search_for_all():
+    links, first = random_links(), GraphTree(random_links())
+    first.add([3])
+    targets = first.spent < np.quantile(first.spent, 0.2)
+    grown, whole = GraphTree(links, targets), GraphTree(links)
+    for sources in ([3], [50, 60], [7]):
+        grown.add(sources)
+        whole.add(sources)
+        for name in ("spent", "path", "parent", "base"):
+            assert np.array_equal(getattr(grown, name)[targets], getattr(whole, name)[targets])
+        for ball in np.flatnonzero(targets):
+            assert follow(grown.parent, int(ball)) == follow(whole.parent, int(ball))
+    assert (grown.spent > whole.spent).any()  # and that of some others is not asked for
+
+
 @pytest.mark.parametrize("gone", [[50], [50, 60, 7], [3, 50, 60, 7]])
 def test_a_graph_without_some_balls_is_as_if_they_had_never_been_in_it(gone):
     """No two ways are as long here, so the answer is the same to the last digit."""

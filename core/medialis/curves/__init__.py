@@ -11,7 +11,8 @@ with radii, edges and branches; it is what `segments` (limbs) and `rigging` (bon
 - `from_views/`: from silhouettes and depths (thesis 3.7); also of clouds and of unclean meshes.
 - `growth.py`: how a graph grows along linked balls, with a loop for each handle;
   `finishing.py`: pruning, even nodes, smoothing, fewer nodes. For both; `_kernels.py` is their
-  inner part, where `BallLinks` holds balls and the links between them.
+  inner part, where `BallLinks` holds balls and the links between them; `_search_kernels.py` finds
+  the cheapest paths along them.
 - `centerline.py`: lines in the middle of tubes between places; `tree_cylinders.py`: trunk and limbs
   of a tree, from its root, as cylinders. Each has its operation beside it.
 - `operation.py`: its files (SWC, GraphML and others), and the operation curve_skeleton.

@@ -4,9 +4,9 @@ Candidates (candidates.py): how far the tangents of geodesics turn from ball to 
 touch the surface all round. Importance: lengths of geodesics in all directions, and the area of the
 smaller part that they cut off.
 
-Links (growth.py): candidates for links are listed from both ends, sorted, and weighed. Growth: the
-cheapest path of each ball to the graph. Handles: trees of vertices and of faces. Loops: links that
-cross a surface which a loop spans, and the cheapest link that closes a loop.
+Links (growth.py): candidates for links are listed from both ends, sorted, and weighed; the cheapest
+paths along them are those of `_search_kernels.py`. Handles: trees of vertices and of faces. Loops:
+links that cross a surface which a loop spans, and the cheapest link that closes a loop.
 
 A spanned surface is a binary tree of triangles. All tests are signs of volumes of four points,
 computed in one order wherever they are asked for: so a path crosses the surface as often as it
@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._kernels import find_root, pop, push
+from medialis.base._kernels import find_root
 from medialis.base.jit import kernel
 from medialis.skeleton.importance._walk_kernels import (
     cross,
@@ -31,6 +31,7 @@ from medialis.skeleton.importance._walk_kernels import (
     distance,
     dot,
     turn,
+    way_out,
 )
 
 SHORT_LINK = 0.3
@@ -111,61 +112,6 @@ class SpanningSurface(NamedTuple):
     normals: NDArray[np.float64]
     levels: NDArray[np.float64]
     slack: float
-
-
-@kernel
-def _spread(keys, names, size, links, spent, path, parent, base):
-    """Dijkstra's search from the balls in a heap, which have their costs."""
-    offsets, neighbours = links.offsets, links.neighbours
-    while size > 0:
-        size = pop(keys, names, size)
-        here, v = keys[size], names[size]
-        if here > spent[v]:
-            continue
-        for link in range(offsets[v], offsets[v + 1]):
-            w = neighbours[link]
-            there = here + links.cost[link]
-            if there < spent[w]:
-                spent[w], path[w] = there, path[v] + links.length[link]
-                parent[w], base[w] = v, base[v]
-                size = push(keys, names, size, there, w)
-
-
-@kernel
-def spread_from_tree(sources, links, spent, path, parent, base):
-    """Dijkstra's search from new sources: the cheapest path of each ball to the tree so far.
-
-    `spent` is the cost of that path, `parent` the next ball on it, `path` its length, `base` where
-    it ends. They come with the answer for the sources before (inf and -1 at first), so that only
-    balls that the new sources serve better are visited. A ball enters the heap at most once
-    for each of its links in one search, which bounds its size.
-    """
-    room, size = len(links.neighbours) + len(sources), 0
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    for v in sources:
-        spent[v], path[v], parent[v], base[v] = 0.0, 0.0, -1, v
-        size = push(keys, names, size, 0.0, v)
-    _spread(keys, names, size, links, spent, path, parent, base)
-
-
-@kernel
-def spread_into(lost, links, spent, path, parent, base):
-    """Find anew the cheapest paths of balls that lost theirs, as `spread_from_tree` has them.
-
-    All others keep their path. The search begins at those beside lost ones: each enters the heap
-    once for each lost one it is linked to, besides.
-    """
-    offsets, neighbours = links.offsets, links.neighbours
-    room, size = 2 * len(neighbours), 0
-    keys, names = np.empty(room), np.empty(room, np.int32)
-    for v in lost:
-        spent[v], path[v], parent[v], base[v] = np.inf, np.inf, -1, -1
-    for v in lost:
-        for link in range(offsets[v], offsets[v + 1]):
-            w = neighbours[link]
-            if spent[w] < np.inf:
-                size = push(keys, names, size, spent[w], w)
-    _spread(keys, names, size, links, spent, path, parent, base)
 
 
 @kernel
@@ -369,15 +315,15 @@ def take_turns(rows, offsets, turns, out_links, out_turns):
 def list_links(ends, others, needed, groups, centers, radii, places, out_neighbours):
     """List links from both their ends, at the places of each ball, which then move on.
 
-    Row i of `others` are balls that ball ``ends[i]`` may be linked to: of the same group, and where
-    the link is not needed, each within the other. Without room in `out_neighbours` they are only
-    counted.
+    Row i of `others` are balls that ball ``ends[i]`` may be linked to (-1: none): of the same
+    group, and where the link is not needed, each within the other. Without room in `out_neighbours`
+    they are only counted.
     """
     for i in range(len(ends)):
         a = ends[i]
         for j in range(others.shape[1]):
             b = others[i, j]
-            if a == b or groups[a] != groups[b] or groups[a] < 0:
+            if b < 0 or a == b or groups[a] != groups[b] or groups[a] < 0:
                 continue
             if not needed and not distance(centers, a, b) < min(radii[a], radii[b]):
                 continue
@@ -443,6 +389,10 @@ ACROSS = 0.5
 WIDEST_GAP = 5.0 * math.pi / 6.0
 """Radians between neighbouring contacts of a ball that touches the surface all round."""
 
+OFF_AXIS = 0.06
+"""Square of the sine of 14 degrees: where contacts are all round, one lies farther than that off
+each side of any axis, as no gap is wider than 150 degrees."""
+
 TIE = 0.01
 """Two geodesics are equally long when they differ by less than this share. A half circle of 30
 edges is 0.2 % shorter than round."""
@@ -469,6 +419,8 @@ class Balls(NamedTuple):
         The samples.
     ball_of : (n,) int64
         The ball of each sample, one of the r, or -1.
+    spokes : (k, 2, 3) float64
+        Unit directions from each of the r to its contacts (`point_spokes`).
     """
 
     rows: NDArray[np.int64]
@@ -482,6 +434,7 @@ class Balls(NamedTuple):
     features: NDArray[np.int32]
     points: NDArray[np.float64]
     ball_of: NDArray[np.int64]
+    spokes: NDArray[np.float64]
 
 
 @kernel
@@ -528,17 +481,17 @@ def measure_spread(begin, stop, balls, smallest, out_spread):
 
 
 @kernel
-def _add_spokes(row, balls, spokes, names, count):
-    """Append the unit directions from a ball to both its contacts, and their samples."""
-    for side in range(2):
-        names[count] = balls.features[row, side]
-        for k in range(3):
-            spokes[count, k] = balls.points[names[count], k] - balls.centers[row, k]
-        size = max(math.sqrt(dot(spokes[count], spokes[count])), 1e-300)
-        for k in range(3):
-            spokes[count, k] /= size
-        count += 1
-    return count
+def point_spokes(begin, stop, balls, out_spokes):
+    """Fill in the unit directions from the center of each ball to both its contacts, (k, 2, 3)."""
+    for i in range(begin, stop):
+        row = balls.rows[i]
+        for side in range(2):
+            sample, spoke = balls.features[row, side], out_spokes[row, side]
+            for k in range(3):
+                spoke[k] = balls.points[sample, k] - balls.centers[row, k]
+            size = max(math.sqrt(dot(spoke, spoke)), 1e-300)
+            for k in range(3):
+                spoke[k] /= size
 
 
 @kernel
@@ -558,48 +511,60 @@ def find_rings(begin, stop, balls, out_ring, out_opposite, out_tangent):
     ball of each sample, or -1). Each is seen from its own ball. `out_opposite` receives the contact
     farthest from f1, `out_tangent` a direction across, both for rings only.
     """
-    rows, near = balls.rows, balls.near
-    most = 2 * (near.shape[1] + 1 + HOPS)
-    spokes, names = np.empty((most, 3)), np.empty(most, np.int64)
-    angles, across = np.empty(most), np.empty(3)
+    rows, near, spokes = balls.rows, balls.near, balls.spokes
+    most = near.shape[1] + 1 + HOPS
+    members, along = np.empty(most, np.int64), np.empty((most, 2))
+    angles, flat, across = np.empty(2 * most), np.empty((2 * most, 2)), np.empty(3)
     for i in range(begin, stop):
         out_ring[i] = False
-        count, reach, row = 0, SAME_PLACE * balls.radii[rows[i]], rows[i]
+        count, again, reach, row = 0, False, SAME_PLACE * balls.radii[rows[i]], rows[i]
         for _ in range(1 + HOPS):
-            count = _add_spokes(row, balls, spokes, names, count)
+            members[count] = row
+            count += 1
             row = balls.ball_of[balls.features[row, 1]]
             if row < 0 or not _is_near(balls.centers, row, rows[i], reach):
                 break
+            again = count > 1 and row == members[count - 2]
+            if again:  # to and fro between two balls, for ever
+                break
         for c in range(near.shape[1]):
             if balls.distance[i, c] <= reach:
-                row = rows[near[i, c]]
-                count = _add_spokes(row, balls, spokes, names, count)
-        if count < LEAST_SPOKES:
+                members[count] = rows[near[i, c]]
+                count += 1
+        if 2 * count < LEAST_SPOKES and not again:
             continue
-        best, best_size, lowest = 0, 0.0, 2.0
-        for c in range(1, count):
-            along = dot(spokes[c], spokes[0])
-            if 1.0 - along * along > best_size:
-                best, best_size = c, 1.0 - along * along
-            if along < lowest:
-                lowest = along
-                out_opposite[i] = names[c]
+        first, best, best_size, lowest = spokes[rows[i], 0], 0, 0.0, 2.0
+        for c in range(2 * count):
+            here = members[c // 2]
+            along[c // 2, c % 2] = size = dot(spokes[here, c % 2], first)
+            if c > 0 and 1.0 - size * size > best_size:
+                best, best_size = c, 1.0 - size * size
+            if c > 0 and size < lowest:
+                lowest = size
+                out_opposite[i] = balls.features[here, c % 2]
         if best_size < ACROSS * ACROSS:
             continue
-        along = dot(spokes[best], spokes[0])
         for k in range(3):
-            across[k] = (spokes[best, k] - along * spokes[0, k]) / math.sqrt(best_size)
-        used = 0
-        for c in range(count):
-            x, y = dot(spokes[c], spokes[0]), dot(spokes[c], across)
-            if x * x + y * y > ACROSS * ACROSS:
-                angle = math.atan2(y, x)
-                at = used
-                while at > 0 and angles[at - 1] > angle:
-                    angles[at] = angles[at - 1]
-                    at -= 1
-                angles[at] = angle
+            out = spokes[members[best // 2], best % 2, k] - along[best // 2, best % 2] * first[k]
+            across[k] = out / math.sqrt(best_size)
+        used, behind, below = 0, False, False
+        for c in range(2 * count):
+            x, y = along[c // 2, c % 2], dot(spokes[members[c // 2], c % 2], across)
+            size = x * x + y * y
+            if size > ACROSS * ACROSS:
+                flat[used, 0], flat[used, 1] = x, y
+                behind |= x < 0.0 and x * x > OFF_AXIS * size
+                below |= y < 0.0 and y * y > OFF_AXIS * size
                 used += 1
+        if not (behind and below):
+            continue
+        for c in range(used):
+            angle = math.atan2(flat[c, 1], flat[c, 0])
+            at = c
+            while at > 0 and angles[at - 1] > angle:
+                angles[at] = angles[at - 1]
+                at -= 1
+            angles[at] = angle
         gap = angles[0] + 2.0 * math.pi - angles[used - 1]
         for c in range(1, used):
             gap = max(gap, angles[c] - angles[c - 1])
@@ -660,27 +625,45 @@ def trace_all_round(begin, stop, walk, ends, tangent, longest, out_length):
 
 
 @kernel
+def _shortest_cut(walk, start, end, way, normal, ahead, longest, strip, near):
+    """Length of the shortest cut from one point to another that begins ahead, or behind.
+
+    `longest` where none is shorter. `strip` and `near` are room for `cut_from`.
+    """
+    points, fan = walk.points, walk.fan
+    offset = dot(normal, points[start])
+    for at in range(walk.offsets[start], walk.offsets[start + 1]):
+        across, x, y, z = way_out(points, walk.corners, fan[at], normal, offset)
+        if across < 0:
+            continue
+        along = (x - points[start, 0]) * way[0] + (y - points[start, 1]) * way[1]
+        if (along + (z - points[start, 2]) * way[2] > 0.0) == ahead:
+            length, count = cut_from(walk, fan[at], start, end, normal, longest, strip, near)
+            longest = length if count >= 0 and length < longest else longest
+    return longest
+
+
+@kernel
 def find_ties(begin, stop, walk, ends, tangent, longest, out_tied):
     """Whether geodesics to both sides in the plane of the tangent are equally long.
 
     Both are plane cuts, so that they are comparable; what is longer than `longest` does not count.
+    The geodesic runs ahead: most often nothing behind is as short, and its own cut is not followed.
     """
-    points, _, _, fan_offsets, fan = walk
-    axis, normal, near = np.empty(3), np.empty(3), np.zeros((2, 3))
+    points, room = walk.points, (np.empty(0, np.int64), np.zeros((2, 3)))
+    axis, normal = np.empty(3), np.empty(3)
     for i in range(begin, stop):
-        start, end = ends[i, 0], ends[i, 1]
+        start, end, way = ends[i, 0], ends[i, 1], tangent[i]
         for k in range(3):
             axis[k] = points[end, k] - points[start, k]
-        cross(axis, tangent[i], normal)
-        ahead, behind = longest[i], longest[i]
-        for at in range(fan_offsets[start], fan_offsets[start + 1]):
-            length, along = _leave(walk, fan[at], start, end, tangent[i], normal, longest[i], near)
-            if along > 0.0:
-                ahead = min(ahead, length)
-            else:
-                behind = min(behind, length)
-        longer = max(ahead, behind)
-        out_tied[i] = longer < longest[i] and longer <= (1.0 + TIE) * min(ahead, behind)
+        cross(axis, way, normal)
+        out_tied[i] = False
+        behind = _shortest_cut(walk, start, end, way, normal, False, longest[i], *room)
+        if behind < longest[i]:
+            most = min(longest[i], (1.0 + 2.0 * TIE) * behind)
+            ahead = _shortest_cut(walk, start, end, way, normal, True, most, *room)
+            longer = max(ahead, behind)
+            out_tied[i] = ahead < most and longer <= (1.0 + TIE) * min(ahead, behind)
 
 
 @kernel

@@ -9,13 +9,13 @@ branches end.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from medialis.base.arrays import Index, Mask, kd_tree, unit_rows
-from medialis.base.kept import Bound, kept
+from medialis.base.kept import Bound
 from medialis.base.options import Options, algorithm
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_chunks, run_patiently
@@ -74,6 +74,8 @@ class CandidateMeasure(Bound):
     ends : (k, 2) int32
         The feature points between which the geodesic runs; for a ball that touches all round the
         first one and the contact farthest from it.
+    near : (k, c) int32
+        The nearest others, up to 10, of those that have a measure, among those; -1: none.
     cloud : MedialCloud
         The skeleton points.
     """
@@ -83,6 +85,7 @@ class CandidateMeasure(Bound):
     tangents: Directions
     tied: Mask
     ends: IntArray
+    near: IntArray = field(repr=False)
     cloud: MedialCloud = field(kw_only=True)
 
     def on_curve(self, least: float) -> Mask:
@@ -186,41 +189,44 @@ def candidate_measure(cloud: MedialCloud, options: Options, progress: Progress) 
     >>> bool(np.nanmin(measured.spread) >= 0 and np.nanmax(measured.spread) <= 1)
     True
     """
-    from medialis.curves._kernels import Balls, find_rings, measure_spread
+    from medialis.base.box_tree import nearest_others
+    from medialis.curves._kernels import Balls, find_rings, measure_spread, point_spokes
 
     with progress.stage("importance", 0.0, 0.8):
         paths = geodesic_importance.of(cloud, options, progress)
     rows, tangents, feature = run_patiently(lambda: _field(paths), progress)
     k, r, shape = len(cloud), len(rows), cloud.surface
     measure, spread = np.full(k, np.nan), np.full(k, np.nan)
-    tied, ends = np.zeros(k, bool), np.array(cloud.features)
-    turning = np.array(tangents)
+    tied, ends, turning = np.zeros(k, bool), np.array(cloud.features), np.array(tangents)
+    nearest = np.full((k, min(NEIGHBOURS, max(r - 1, 0))), -1, np.int32)
     if r:
-        length, tangent = paths.length[rows], turning[rows]
-        alike = _find_ties(cloud, rows, tangent, length, progress)
-        near, distance = near_balls(cloud, rows, progress)
+        length, tangent, still = paths.length[rows], turning[rows], progress.still
+        near, distance = nearest_others(cloud.centers[rows], NEIGHBOURS, still)
+        nearest[rows] = rows[near]
         sure, ring, opposite = np.empty(r), np.empty(r, bool), np.empty(r, np.int32)
         turned = turning[rows]
         ball_of = np.full(shape.point_count, -1)
         ball_of[cloud.features[rows, 0]] = rows
-        known = cloud.centers, cloud.radii, cloud.features, shape.points
-        balls = Balls(rows, near, distance, length, tangent, feature, *known, ball_of)
-        still = progress.still
+        known = cloud.centers, cloud.radii, cloud.features, shape.points, ball_of
+        balls = Balls(rows, near, distance, length, tangent, feature, *known, np.empty((k, 2, 3)))
+        run_chunks(point_spokes, r, POINTS_A_CHUNK, balls, balls.spokes, progress=still)
         run_chunks(find_rings, r, POINTS_A_CHUNK, balls, ring, opposite, turned, progress=still)
+        alike, other = ring.copy(), np.flatnonzero(~ring)
+        alike[other] = _find_ties(cloud, rows[other], tangent[other], length[other], progress)
         # Which of two equal geodesics was found is chance, and in a round tube with regular samples
         # always the one on the same side: such a point takes no side.
-        sided = balls._replace(tangent=np.where((alike | ring)[:, None], 0.0, tangent))
+        sided = balls._replace(tangent=np.where(alike[:, None], 0.0, tangent))
         given = sided, 1e-12 * shape.diagonal, sure
         run_chunks(measure_spread, r, POINTS_A_CHUNK, *given, progress=still)
         # The second contact of a ball in a round tube is any of its ring; half round it is pi r.
         length = np.where(ring, np.maximum(length, np.pi * cloud.radii[rows]), length)
-        sure[alike | ring] = 1.0
+        sure[alike] = 1.0
         measure[rows], spread[rows] = sure * length, sure
-        tied[rows], turning[rows] = alike | ring, turned
+        tied[rows], turning[rows] = alike, turned
         ends[rows[ring], 1] = opposite[ring]
     measure, spread, turning = (frozen(x, np.float64) for x in (measure, spread, turning))
-    tied, ends = frozen(tied, np.bool_), frozen(ends, np.int32)
-    return CandidateMeasure(measure, spread, turning, tied, ends, cloud=cloud)
+    tied, ends, nearest = frozen(tied, np.bool_), frozen(ends, np.int32), frozen(nearest, np.int32)
+    return CandidateMeasure(measure, spread, turning, tied, ends, nearest, cloud=cloud)
 
 
 def _find_ties(
@@ -251,14 +257,6 @@ def _field(paths: Importance) -> tuple[Index, FloatArray, FloatArray]:
     tangents = np.full((len(cloud), 3), np.nan)
     tangents[rows] = unit_rows(tangent, least=CANCELLED)
     return rows, frozen(tangents, np.float64), feature
-
-
-def near_balls(cloud: MedialCloud, rows: Index, progress: Progress) -> tuple[IntArray, FloatArray]:
-    """Find the nearest others of some balls among themselves, as many as the thesis; kept."""
-    from medialis.base.box_tree import nearest_others
-
-    find = partial(nearest_others, cloud.centers[rows], NEIGHBOURS, progress.still)
-    return kept(nearest_others, cloud, rows.tobytes(), find, progress)
 
 
 def area_importance(
@@ -340,12 +338,14 @@ def smooth_importance(
 
     A single estimate fails where plane cuts do not arrive.
     """
+    from medialis.base.box_tree import nearest_others
+
     if len(candidates) == 0:
         return frozen(np.empty(0), np.float64)
     centers = measured.cloud.centers
     some = candidates[_apart(measured, candidates)]
     area = area_importance(measured, some, progress=progress)
-    near, distance = near_balls(measured.cloud, some, progress)
+    near, distance = nearest_others(centers[some], NEIGHBOURS, progress.still)
     around = np.where(distance < measured.cloud.radii[some, None], area[near], np.nan)
     median = np.nanmedian(np.column_stack([area, around]), axis=1)
     nearest = run_patiently(lambda: kd_tree(centers[some]).query(centers[candidates])[1], progress)

@@ -32,12 +32,19 @@ from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.candidates import (
     CandidateMeasure,
     candidate_measure,
-    near_balls,
     smooth_importance,
 )
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
-from medialis.curves.growth import Handles, Turns, find_handles, grow_graph, link_balls
+from medialis.curves.growth import (
+    NEIGHBOURS,
+    Handles,
+    Links,
+    Turns,
+    find_handles,
+    grow_graph,
+    link_balls,
+)
 from medialis.curves.limb_sampling import with_limbs_sampled
 from medialis.curves.persistence import measured_persistence
 from medialis.shape.refinement import refine_where
@@ -76,6 +83,9 @@ MOST_SAMPLES = 100_000  # halved 0 %, doubled 0 %
 """That there may be after all attempts: 30 handles with a thickness of 1 % of the size take
 95,000."""
 
+NEAREST = 16
+"""Samples beside one without a node that are asked first."""
+
 MOST_GROWTH = 8  # halved 0 %, doubled 0 %
 """Times as many samples as before there may be, if that is more."""
 
@@ -96,15 +106,24 @@ def put_in_surface(
 
 
 def _nearest(surface: Shape, missing: Mask) -> Index:
-    """Return the nearest sample of the same component that is not missing for those that are."""
-    result = np.full(surface.point_count, -1)
-    for part in np.unique(surface.components[missing]).tolist():
-        rows = np.flatnonzero(surface.components == part)
-        known, lost = rows[~missing[rows]], rows[missing[rows]]
+    """Return the nearest sample of the same component that is not missing for those that are.
+
+    Few are missing, so one of the nearest samples is nearly always known.
+    """
+    lost, part = np.flatnonzero(missing), surface.components
+    near = np.asarray(surface.tree.query(surface.points[lost], NEAREST)[1])
+    usable = near < surface.point_count
+    usable &= ~missing[near * usable] & (part[near * usable] == part[lost, None])
+    result = near[np.arange(len(lost)), usable.argmax(axis=1)]
+    rest = np.flatnonzero(~usable.any(axis=1))
+    result[rest] = -1
+    for one in np.unique(part[lost[rest]]).tolist():
+        known = np.flatnonzero((part == one) & ~missing)
+        here = rest[part[lost[rest]] == one]
         if len(known):
-            near = kd_tree(surface.points[known]).query(surface.points[lost])[1]
-            result[lost] = known[near]
-    return result[missing]
+            near = kd_tree(surface.points[known]).query(surface.points[lost[here]])[1]
+            result[here] = known[near]
+    return result
 
 
 def node_importance(
@@ -231,17 +250,18 @@ def curve_skeleton(
         radii = cloud.radii[ground.candidates]
         smallest = (options.threshold * surface.diagonal) ** 2
         enough = _enough(ground, SHARPEST * radii**2, smallest)
-        wanted, importance = np.zeros(len(cloud), bool), np.zeros(len(cloud))
+        wanted, targets = np.zeros((2, len(cloud)), bool)
+        importance = np.zeros(len(cloud))
         importance[ground.candidates] = ground.importance
+        targets[ground.candidates] = True
         wanted[ground.candidates[enough]] = True
 
         def keep(stages: tuple[int, ...], compute: Callable[[], Any]) -> Any:
             work = functools.partial(run_patiently, compute, progress)
             return kept(grow_graph, ground, stages, work, progress)
 
-        edges, loops = grow_graph(
-            ground.links, ground.components, ground.strength, wanted, ground.handles, keep, progress
-        )
+        balls = ground.links, ground.components, ground.strength, wanted, ground.handles
+        edges, loops = grow_graph(*balls, keep, progress, targets)
         progress.update(0.5)
         given = ground.links, edges, options.smoothing, importance
         graph, node_of_sample = run_patiently(
@@ -312,8 +332,7 @@ def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
         candidates = np.flatnonzero(measured.on_curve(level))
     with progress.stage("regularize", 0.6, 0.8):
         importance = smooth_importance(measured, candidates, progress)
-    lists = (np.flatnonzero(cloud.valid), candidates)
-    near = [(rows, near_balls(cloud, rows, progress)[0]) for rows in lists]
+    near = _near_balls(measured, candidates, progress)
     links = run_patiently(lambda: _linked(measured, near, level), progress)
     strength = np.where(cloud.valid, np.nan_to_num(measured.measure), -np.inf)
     strength += 1e-9 * links.radii  # without any measure: the largest ball
@@ -322,9 +341,24 @@ def _ground(cloud: MedialCloud, share: float, progress: Progress) -> _Ground:
     return _Ground(measured, candidates, importance, links, strength, components, handles)
 
 
-def _linked(
-    measured: CandidateMeasure, near: list[tuple[Index, IntArray]], level: float
-) -> BallLinks:
+def _near_balls(measured: CandidateMeasure, candidates: Index, progress: Progress) -> list[Links]:
+    """List the nearest others of all balls, and those of candidates among themselves.
+
+    Balls at creases have no measure, and are too small for others to lie in them. Where balls
+    between parts have none, all are asked anew.
+    """
+    from medialis.base.box_tree import nearest_others
+
+    cloud, lists = measured.cloud, [candidates]
+    alone = cloud.valid & np.isnan(measured.measure)
+    known = [(np.arange(len(cloud)), measured.near)]
+    if (cloud.features[alone, 0] != cloud.features[alone, 1]).any():
+        known, lists = [], [np.flatnonzero(cloud.valid), candidates]
+    found = [nearest_others(cloud.centers[rows], NEIGHBOURS, progress.still)[0] for rows in lists]
+    return known + [(rows, rows[near]) for rows, near in zip(lists, found, strict=True)]
+
+
+def _linked(measured: CandidateMeasure, near: list[Links], level: float) -> BallLinks:
     """Link near balls, and those of neighbouring samples, within each component."""
     cloud, surface = measured.cloud, measured.cloud.surface
     across = _across_creases(cloud)
@@ -334,9 +368,8 @@ def _linked(
     closeness = np.maximum(2 * np.nan_to_num(measured.spread) - 1, 0)
     closeness *= np.minimum(1.0, np.nan_to_num(measured.measure) / level)
     balls = np.nan_to_num(cloud.centers), np.nan_to_num(cloud.radii), closeness
-    links = [(rows, rows[others]) for rows, others in near], needed
     groups, spacing = np.where(cloud.valid, surface.components, -1), surface.spacing
-    return link_balls(*balls, *links, spacing=spacing, widths=measured.widths, groups=groups)
+    return link_balls(*balls, near, needed, spacing=spacing, widths=measured.widths, groups=groups)
 
 
 def _across_creases(cloud: MedialCloud) -> Index:
@@ -346,9 +379,10 @@ def _across_creases(cloud: MedialCloud) -> Index:
     each other all that joins two of them may be such samples: the largest ball beside stands for
     each of them, or a graph goes along the surface.
     """
-    edges = np.asarray(cloud.surface.edges)
-    both = np.concatenate([edges, edges[:, ::-1]])
     off = cloud.valid & (cloud.features[:, 0] != cloud.features[:, 1])
+    edges = cloud.surface.edges
+    edges = edges[~(off[edges[:, 0]] & off[edges[:, 1]])]
+    both = np.concatenate([edges, edges[:, ::-1]])
     stands, radii = np.where(off, np.arange(len(cloud)), -1), np.nan_to_num(cloud.radii)
     while True:
         here, there = both[(stands[both[:, 0]] < 0) & (stands[both[:, 1]] >= 0)].T
