@@ -40,9 +40,6 @@ OF_A_PART = 0.05
 """Share of the surface that is flat in a part. A scan or an isosurface has some faces in a plane by
 chance, up to 1.2 % on those tried, and nothing about them is special."""
 
-LEAST_SCALE = 2.0**-100
-"""Smaller and larger shapes are scaled, so that squares of areas stay in range."""
-
 
 def find_planes(surface: Surface, crease: float) -> IntArray:
     """Return the flat face of a part that each face of a mesh lies in, (m,); -1: in none.
@@ -85,7 +82,7 @@ def find_planes(surface: Surface, crease: float) -> IntArray:
 
 def _in_range(surface: Surface) -> Surface:
     scale = power_of_two_scale(surface.points)
-    if LEAST_SCALE < scale < 1.0 / LEAST_SCALE:
+    if scale == 1.0:
         return surface
     return Surface.of_checked(surface.points * scale, surface.faces).adopt(surface.topology)
 
