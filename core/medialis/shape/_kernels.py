@@ -164,12 +164,18 @@ def measure_faces(points, faces, height, out_vectors, out_units, out_areas, out_
 @kernel
 def measure_bends(first, second, units, out_bends):
     """Angle between the faces of two half-edges each, (p,); 0 where one has no area."""
-    for k in range(len(first)):
-        a, b = first[k] // 3, second[k] // 3
-        ax, ay, az = units[a, 0], units[a, 1], units[a, 2]
-        bx, by, bz = units[b, 0], units[b, 1], units[b, 2]
-        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        out_bends[k] = math.atan2(math.sqrt(x * x + y * y + z * z), ax * bx + ay * by + az * bz)
+    cosine = np.empty(256)
+    for begin in range(0, len(first), len(cosine)):
+        end = min(begin + len(cosine), len(first))
+        for k in range(begin, end):
+            a, b = first[k] // 3, second[k] // 3
+            ax, ay, az = units[a, 0], units[a, 1], units[a, 2]
+            bx, by, bz = units[b, 0], units[b, 1], units[b, 2]
+            x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            out_bends[k] = math.sqrt(x * x + y * y + z * z)
+            cosine[k - begin] = ax * bx + ay * by + az * bz
+        for k in range(begin, end):  # after the normals of all: those are waited for once
+            out_bends[k] = math.atan2(out_bends[k], cosine[k - begin])
 
 
 @kernel

@@ -63,42 +63,44 @@ def _unit_of(points, faces, f):
 
 @kernel
 def _gather_ring(vertex, mesh, out_ring, out_ends):
-    """Mean of the faces at a vertex by angle, not of unit length; its first corners are noted.
+    """Mean of the faces at a vertex by angle, not of unit length; its last corners are noted.
 
-    `out_ring` has the normal of the face of each corner, and the spoke to the vertex after it;
-    `out_ends` the vertices after and before the corner.
+    `out_ring` has the normal of the face of each corner, the spoke to the vertex after it, and what
+    its angle has as tangent; `out_ends` the vertices after and before the corner. They have all of
+    up to `MOST_CORNERS`. Angles come after the places of all: those are waited for once.
     """
-    points, faces = mesh.points, mesh.faces
+    points, faces, ring = mesh.points, mesh.faces, out_ring
     nx, ny, nz = 0.0, 0.0, 0.0
     x, y, z = points[vertex, 0], points[vertex, 1], points[vertex, 2]
-    begin = mesh.offsets[vertex]
-    for i in range(begin, mesh.offsets[vertex + 1]):
-        f = mesh.corners[i] // 3
-        j = mesh.corners[i] - 3 * f
-        after, before = faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
-        ux, uy, uz = points[after, 0] - x, points[after, 1] - y, points[after, 2] - z
-        vx, vy, vz = points[before, 0] - x, points[before, 1] - y, points[before, 2] - z
-        cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        across = math.sqrt(cx * cx + cy * cy + cz * cz)
-        angle = math.atan2(across, ux * vx + uy * vy + uz * vz)
-        cx, cy, cz = _unit_of(points, faces, f)
-        nx, ny, nz = nx + angle * cx, ny + angle * cy, nz + angle * cz
-        k = i - begin
-        if k < MOST_CORNERS:
+    for begin in range(mesh.offsets[vertex], mesh.offsets[vertex + 1], MOST_CORNERS):
+        count = min(mesh.offsets[vertex + 1] - begin, MOST_CORNERS)
+        for k in range(count):
+            f = mesh.corners[begin + k] // 3
+            j = mesh.corners[begin + k] - 3 * f
+            after, before = faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+            ux, uy, uz = points[after, 0] - x, points[after, 1] - y, points[after, 2] - z
+            vx, vy, vz = points[before, 0] - x, points[before, 1] - y, points[before, 2] - z
+            cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
             out_ends[k, 0], out_ends[k, 1] = after, before
-            out_ring[k, 0], out_ring[k, 1], out_ring[k, 2] = cx, cy, cz
-            out_ring[k, 3], out_ring[k, 4], out_ring[k, 5] = ux, uy, uz
+            ring[k, 0], ring[k, 1], ring[k, 2] = _unit_of(points, faces, f)
+            ring[k, 3], ring[k, 4], ring[k, 5] = ux, uy, uz
+            ring[k, 6] = math.sqrt(cx * cx + cy * cy + cz * cz)
+            ring[k, 7] = ux * vx + uy * vy + uz * vz
+        for k in range(count):
+            angle = math.atan2(ring[k, 6], ring[k, 7])
+            nx, ny, nz = nx + angle * ring[k, 0], ny + angle * ring[k, 1], nz + angle * ring[k, 2]
     return nx, ny, nz
 
 
 @kernel
 def _least_cosine(vertex, mesh, ring, nx, ny, nz):
     """Least cosine between a direction and the faces at a vertex; those without area are 0."""
-    begin, least = mesh.offsets[vertex], 1.0
-    count = mesh.offsets[vertex + 1] - begin
-    for k in range(min(count, MOST_CORNERS)):
-        least = min(least, nx * ring[k, 0] + ny * ring[k, 1] + nz * ring[k, 2])
-    for i in range(begin + MOST_CORNERS, begin + count):
+    begin, end, least = mesh.offsets[vertex], mesh.offsets[vertex + 1], 1.0
+    if end - begin <= MOST_CORNERS:
+        for k in range(end - begin):
+            least = min(least, nx * ring[k, 0] + ny * ring[k, 1] + nz * ring[k, 2])
+        return least
+    for i in range(begin, end):
         x, y, z = _unit_of(mesh.points, mesh.faces, mesh.corners[i] // 3)
         least = min(least, nx * x + ny * y + nz * z)
     return least
@@ -114,14 +116,12 @@ def _goes_round(count, ring, ends, crease):
         return False
     at, creases = 0, 0
     for step in range(count):
-        found = -1
-        for other in range(count):
-            if ends[other, 0] == ends[at, 1]:
-                if found >= 0:
-                    return False  # three faces at an edge
-                found = other
-        if found < 0:
-            return False
+        found, times, end = 0, 0, ends[at, 1]
+        for other in range(count):  # without a branch that is guessed wrong
+            same = ends[other, 0] == end
+            found, times = other if same else found, times + same
+        if times != 1:
+            return False  # a border, or three faces at an edge
         here, there, cosine = 0.0, 0.0, 0.0
         for axis in range(3):
             here += abs(ring[at, axis])
@@ -215,7 +215,7 @@ def fill_normals(begin, end, mesh, crease, away, smooth, out_normals):
     `crease` is the cosine of the bend of a crease, `away` how far below zero the cosine to a face
     that looks away is. `smooth`: take surfaces through rings.
     """
-    ring, ends = np.empty((MOST_CORNERS, 6)), np.empty((MOST_CORNERS, 2), np.int64)
+    ring, ends = np.empty((MOST_CORNERS, 8)), np.empty((MOST_CORNERS, 2), np.int64)
     for v in range(begin, end):
         count = mesh.offsets[v + 1] - mesh.offsets[v]
         nx, ny, nz = _gather_ring(v, mesh, ring, ends)

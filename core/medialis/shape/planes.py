@@ -118,14 +118,12 @@ def _borders(mesh: Mesh, regions: Regions, crease: float, beside: Mask) -> Borde
     """Return the borders of pairs of regions at edges of wanted ones: they lie on one line each."""
     from medialis.shape import _plane_kernels as kernels
 
-    rows = np.empty(len(mesh.first), np.int32)
-    rows = rows[: kernels.list_borders(mesh, regions, crease, beside, rows)]
-    order, starts = np.empty(len(rows), np.int32), np.empty(len(rows) + 1, np.int64)
-    pairs = kernels.group_borders(mesh, regions, rows, order, starts)
-    one, other = np.empty((2, 2 * pairs), np.int64)
+    keys, starts = np.empty(len(mesh.first), np.int64), np.empty(len(mesh.first) + 1, np.int32)
+    pairs = kernels.list_borders(mesh, regions, crease, beside, keys, starts)
+    one, other = np.empty((2, 2 * pairs), np.int32)
     length, bend = np.empty((2, 2 * pairs))
     borders = kernels.Borders(one, other, length, bend, np.empty((2 * pairs, 3)))
-    kernels.measure_borders(mesh, regions, rows, order, starts[: pairs + 1], borders)
+    kernels.measure_borders(mesh, regions, keys, starts[: pairs + 1], borders)
     return borders
 
 
