@@ -146,41 +146,144 @@ def group_keys(keys, out_offsets, out_order):
             out_offsets[keys[i] + 1] += 1
 
 
+FEW = 32  # halved 0 %, doubled 0 %
+"""Keys that are put in order one by one; more of them by a heap."""
+
+
+@kernel
+def _sift(keys, begin, size, parent):
+    """Let a key of a binary heap of so many keys sink to where it belongs."""
+    key = keys[begin + parent]
+    while 2 * parent + 1 < size:
+        child = 2 * parent + 1
+        if child + 1 < size and keys[begin + child + 1] > keys[begin + child]:
+            child += 1
+        if keys[begin + child] <= key:
+            break
+        keys[begin + parent] = keys[begin + child]
+        parent = child
+    keys[begin + parent] = key
+
+
+@kernel
+def sort_keys(keys, begin, end):
+    """Put the keys begin..end in ascending order, in place: mostly few, whatever their number."""
+    size = end - begin
+    if size <= FEW:
+        for i in range(begin + 1, end):
+            key, place = keys[i], i
+            while place > begin and keys[place - 1] > key:
+                keys[place] = keys[place - 1]
+                place -= 1
+            keys[place] = key
+        return
+    for parent in range(size // 2 - 1, -1, -1):
+        _sift(keys, begin, size, parent)
+    for last in range(size - 1, 0, -1):
+        keys[begin], keys[begin + last] = keys[begin + last], keys[begin]
+        _sift(keys, begin, last, 0)
+
+
 @kernel
 def group_sides(corners, count, out_order, out_first, out_ends, out_forward):
     """Half-edges by their edge, for `EdgeTable`; return how many edges there are.
 
-    A counting sort by the higher vertex, then by the lower one, of `count` vertices.
+    A counting sort by the lower of `count` vertices; the few of each are put in order by the higher
+    one, and by themselves, which is one number.
     """
     sides = len(corners)
-    place, by_high = np.zeros(count + 1, np.int64), np.empty(sides, np.int32)
-    low, later = np.empty(sides, np.int32), np.zeros(count + 1, np.int64)
+    place, keys = np.zeros(count + 1, np.int32), np.empty(sides, np.int64)
     for h in range(sides):
         a, b = corners[h], corners[next_side(h)]
         out_forward[h] = a < b
-        place[max(a, b) + 1] += 1
-        later[min(a, b) + 1] += 1
-    for v in range(count):
-        place[v + 1] += place[v]
-        later[v + 1] += later[v]
+        place[min(a, b)] += 1
+    total = 0
+    for v in range(count + 1):
+        total, place[v] = total + place[v], total
     for h in range(sides):
         a, b = corners[h], corners[next_side(h)]
-        high = max(a, b)
-        by_high[place[high]], low[place[high]] = h, min(a, b)
-        place[high] += 1
-    for k in range(sides):
-        out_order[later[low[k]]] = by_high[k]
-        later[low[k]] += 1
-    edges = 0
-    for k in range(sides):
-        h = out_order[k]
-        a, b = corners[h], corners[next_side(h)]
-        one, two = min(a, b), max(a, b)
-        if edges == 0 or out_ends[edges - 1, 0] != one or out_ends[edges - 1, 1] != two:
-            out_first[edges], out_ends[edges, 0], out_ends[edges, 1] = k, one, two
-            edges += 1
+        low = min(a, b)
+        keys[place[low]] = np.int64(max(a, b)) << 32 | h
+        place[low] += 1
+    edges, begin = 0, 0
+    for v in range(count):
+        end, before = place[v], -1
+        sort_keys(keys, begin, end)
+        for k in range(begin, end):
+            high = keys[k] >> 32
+            out_order[k] = keys[k] & 0xFFFFFFFF
+            if high != before:
+                out_first[edges], out_ends[edges, 0], out_ends[edges, 1] = k, v, high
+                edges += 1
+                before = high
+        begin = end
     out_first[edges] = sides
     return edges
+
+
+@kernel
+def pair_sides(order, first, forward, out_one, out_other, out_opposite):
+    """Both half-edges of each edge with two, for `EdgeTable`; return how many edges these are."""
+    filled = 0
+    for e in range(len(first) - 1):
+        k = first[e]
+        if first[e + 1] - k == 2:
+            a, b = order[k], order[k + 1]
+            out_one[filled], out_other[filled] = a, b
+            out_opposite[filled] = forward[a] != forward[b]
+            filled += 1
+    return filled
+
+
+@kernel
+def turn_sides(order, forward, turned, out_order, out_forward):
+    """Half-edges of a table where some faces are turned over: side j of theirs is then 2 - j."""
+    for k in range(len(order)):
+        h = order[k]
+        f = h // 3
+        out_order[k] = 6 * f + 2 - h if turned[f] else h
+    for f in range(len(turned)):
+        for j in range(3):
+            if turned[f]:
+                out_forward[3 * f + j] = not forward[3 * f + 2 - j]
+            else:
+                out_forward[3 * f + j] = forward[3 * f + j]
+
+
+@kernel
+def find_equal_places(places, out_table, out_first):
+    """Lowest row equal to each row of places (n, 3), (n,); return how many have an earlier one.
+
+    `out_table` is -1 and a power of two long, more than n: rows stand in it where a hash of their
+    bits points, or at the next free place.
+    """
+    last, repeated = np.uint64(len(out_table) - 1), 0
+    bits = np.empty(3)
+    words = bits.view(np.uint64)
+    for i in range(len(places)):
+        bits[0], bits[1], bits[2] = places[i, 0] + 0.0, places[i, 1] + 0.0, places[i, 2] + 0.0
+        mixed = np.uint64(0)
+        for axis in range(3):  # the splitmix64 finisher over one after the other
+            mixed = (mixed + np.uint64(0x9E3779B97F4A7C15)) ^ words[axis]
+            mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            mixed ^= mixed >> np.uint64(31)
+        slot = mixed & last
+        out_first[i] = i
+        while out_table[slot] >= 0:
+            j = out_table[slot]
+            if (
+                places[j, 0] == places[i, 0]
+                and places[j, 1] == places[i, 1]
+                and places[j, 2] == places[i, 2]
+            ):
+                out_first[i] = j
+                repeated += 1
+                break
+            slot = (slot + np.uint64(1)) & last
+        if out_first[i] == i:
+            out_table[slot] = i
+    return repeated
 
 
 @kernel

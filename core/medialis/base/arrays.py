@@ -20,57 +20,24 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray, IntArray, frozen
 
-_MIX = (np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB), np.uint64(0x9E3779B97F4A7C15))
-
 
 def first_equal_row(rows: NDArray[Any]) -> NDArray[np.int64]:
     """Return for each row the lowest row that is equal to it, (n,); itself when there is none.
 
     Parameters
     ----------
-    rows : (n, k) float64 without NaN, or integers
+    rows : (n, 3) float64 without NaN, or integers up to 2^53
         Compared as numbers: -0.0 equals 0.0.
 
     Notes
     -----
-    Rows are hashed to 64 bits and only rows of equal hash are looked at. Cost: one sort of n
-    integers when all rows differ.
+    Rows are looked up by a hash of 64 bits, and compared. Cost O(n).
     """
-    n = len(rows)
-    result = np.arange(n)
-    if n < 2:
-        return result
-    keys = _hash(rows)
-    ordered = np.sort(keys)
-    repeated = ordered[1:][ordered[1:] == ordered[:-1]]
-    if len(repeated) == 0:
-        return result
-    at = np.searchsorted(repeated, keys)
-    candidates = np.flatnonzero(repeated[np.minimum(at, len(repeated) - 1)] == keys)
-    part = rows[candidates]
-    order = np.lexsort((candidates, *part.T, keys[candidates]))
-    part = part[order]
-    fresh = np.ones(len(order), bool)
-    fresh[1:] = (part[1:] != part[:-1]).any(axis=1)
-    starts = np.flatnonzero(fresh)
-    leader = candidates[order[starts]]
-    result[candidates[order]] = np.repeat(leader, np.diff(starts, append=len(order)))
-    return result
+    from medialis.base._kernels import find_equal_places
 
-
-def _hash(rows: NDArray[Any]) -> NDArray[np.uint64]:
-    """Return 64-bit hashes: the splitmix64 finisher over one column after the other."""
-    result = np.zeros(len(rows), np.uint64)
-    for column in rows.T:
-        if rows.dtype.kind == "f":
-            bits = (column + 0.0).view(np.uint64)  # -0.0 + 0.0 is 0.0
-        else:
-            bits = column.astype(np.uint64)
-        result = (result + _MIX[2]) ^ bits
-        result = (result ^ (result >> np.uint64(30))) * _MIX[0]
-        result = (result ^ (result >> np.uint64(27))) * _MIX[1]
-        result ^= result >> np.uint64(31)
-    return result
+    places, first = np.ascontiguousarray(rows, np.float64), np.empty(len(rows), np.int64)
+    find_equal_places(places, np.full(2 << len(rows).bit_length(), -1, np.int32), first)
+    return first
 
 
 class Described:
@@ -156,7 +123,9 @@ class Ragged(Described):
         """
         from medialis.base._kernels import group_keys
 
-        key = np.ascontiguousarray(keys, np.int64)
+        key = np.ascontiguousarray(keys)
+        if key.dtype != np.int32:
+            key = key.astype(np.int64)
         if key.max(initial=-1) >= rows:
             raise InvalidShapeError(f"Keys must be below {rows} rows, got {key.max()}.")
         offsets, order = np.zeros(rows + 2, np.int64), np.empty(len(key), np.int32)
@@ -244,10 +213,11 @@ class EdgeTable:
 
         Their side j is then side 2 - j, and runs the other way. No face names a vertex twice.
         """
-        order = self.order + np.array([2, 0, -2], np.int32)[self.order % 3] * faces[self.order // 3]
-        forward = self.forward.reshape(-1, 3)
-        forward = np.where(faces[:, None], ~forward[:, ::-1], forward)
-        return EdgeTable(order.astype(np.int32), self.first, self.ends, forward.ravel())
+        from medialis.base._kernels import turn_sides
+
+        order, forward = np.empty_like(self.order), np.empty_like(self.forward)
+        turn_sides(self.order, self.forward, faces, order, forward)
+        return EdgeTable(order, self.first, self.ends, forward)
 
     @property
     def low(self) -> IntArray:
@@ -274,9 +244,12 @@ class EdgeTable:
     @cached_property
     def pairs(self) -> tuple[IntArray, IntArray, Mask]:
         """Both half-edges of each edge with exactly two, and whether they run opposite ways."""
-        both = self.first[:-1][self.counts == 2]
-        a, b = self.order[both], self.order[both + 1]
-        return a, b, self.forward[a] != self.forward[b]
+        from medialis.base._kernels import pair_sides
+
+        one, other = np.empty((2, len(self.order) // 2), np.int32)
+        opposite = np.empty(len(one), np.bool_)
+        count = pair_sides(self.order, self.first, self.forward, one, other, opposite)
+        return one[:count], other[:count], opposite[:count]
 
     @property
     def single(self) -> IntArray:

@@ -181,8 +181,8 @@ class ParsedMesh:
     """(n, 3) vertices; NaN and infinity may occur."""
     counts: NDArray[np.int64]
     """(p,) corners of each polygon; no rows for a point cloud."""
-    corners: NDArray[np.int64]
-    """(sum of counts,) vertex indices, not yet checked."""
+    corners: NDArray[Any]
+    """(sum of counts,) int32 or int64, vertex indices, not yet checked."""
     normals: NDArray[np.float64] | None = None
     """(n, 3) vertex normals of any length, or None when the file has none."""
     messages: tuple[Message, ...] = ()
@@ -316,8 +316,8 @@ def rows_of(values: NDArray[Any], counts: NDArray[np.int64], width: int) -> NDAr
     return values[starts[:, None] + np.arange(width)]
 
 
-def whole(values: NDArray[Any], what: str) -> NDArray[np.int64]:
-    """Return numbers as int64.
+def whole(values: NDArray[Any], what: str) -> NDArray[Any]:
+    """Return numbers as int64, or as the int32 that they are.
 
     Raises
     ------
@@ -325,7 +325,7 @@ def whole(values: NDArray[Any], what: str) -> NDArray[np.int64]:
         When one is fractional, not finite or beyond what an index can be.
     """
     if values.dtype.kind in "iu" and values.dtype.itemsize < 8:
-        return values.astype(np.int64)
+        return values if values.dtype == np.int32 else values.astype(np.int64)
     # Text and float properties arrive as doubles; 2^53 is far beyond any vertex count.
     doubles = values.astype(np.float64)
     bad = ~(np.abs(doubles) < 2.0**53) | (doubles != np.rint(doubles))

@@ -28,7 +28,15 @@ from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Message
-from medialis.base.validation import FloatArray, IntArray, as_normals, frozen
+from medialis.base.validation import (
+    FloatArray,
+    IntArray,
+    all_finite,
+    as_normals,
+    extremes,
+    frozen,
+    sealed,
+)
 from medialis.formats import point_texts
 from medialis.formats import text_meshes as texts
 from medialis.formats.files import ParsedMesh, file_bytes, reading
@@ -96,7 +104,7 @@ def triangulate(
         When a corner is not a vertex.
     """
     _check_corners(len(points), counts, corners)
-    if len(counts) == 0 or (counts == 3).all():
+    if len(counts) == 0 or extremes(counts) == (3, 3):
         return corners.reshape(-1, 3).astype(np.int32), ()
     starts = np.cumsum(counts) - counts
     made = np.maximum(counts - 2, 0)
@@ -111,9 +119,10 @@ def triangulate(
 
 
 def _check_corners(n: int, counts: NDArray[np.int64], corners: NDArray[np.int64]) -> None:
-    bad = (corners < 0) | (corners >= n)
-    if not bad.any():
+    low, high = extremes(corners)
+    if low >= 0 and high < n:
         return
+    bad = (corners < 0) | (corners >= n)
     polygon = np.repeat(np.arange(len(counts)), counts)
     first = int(bad.argmax())
     raise InvalidShapeError(
@@ -377,12 +386,13 @@ def _checked(parsed: ParsedMesh, kind: str, told: tuple[Message, ...]) -> MeshDa
         raise InvalidShapeError("the file has no vertices.")
     if len(points) > np.iinfo(np.int32).max:
         raise InvalidShapeError(f"it has {len(points)} vertices; at most 2147483647 are supported.")
-    finite = np.asarray(np.isfinite(points).all(axis=1))
+    whole = all_finite(points)
+    finite = np.ones(len(points), bool) if whole else np.asarray(np.isfinite(points).all(axis=1))
     if not finite.any():
         raise InvalidShapeError("all its vertices are NaN or infinite.")
-    safe = points if finite.all() else np.where(finite[:, None], points, 0.0)
+    safe = points if whole else np.where(finite[:, None], points, 0.0)
     faces, split = triangulate(safe, parsed.counts, parsed.corners)
-    if not finite.all():
+    if not whole:
         used = np.zeros(len(points), bool)
         used[faces] = True
         bad = used & ~finite
@@ -393,8 +403,8 @@ def _checked(parsed: ParsedMesh, kind: str, told: tuple[Message, ...]) -> MeshDa
             )
     normals = None if parsed.normals is None else as_normals(parsed.normals, len(points))
     return MeshData(
-        frozen(points, np.float64),
-        frozen(faces, np.int32) if len(faces) else None,
+        frozen(sealed(points), np.float64),
+        frozen(sealed(faces), np.int32) if len(faces) else None,
         normals,
         kind,
         told + parsed.messages + split,

@@ -36,21 +36,63 @@ def label_corner_fans(half, twin, opposite, parent, out_label):
 
 
 @kernel
-def label_face_pieces(half, twin, parent, out_label):
-    """Piece of each face: faces joined across edges of two faces."""
-    for k in range(len(half)):
-        join(parent, half[k] // 3, twin[k] // 3)
+def label_face_pieces(twins, parent, out_label):
+    """Piece of each face: faces joined across edges of two faces; `twins` (3m,), -1 elsewhere."""
+    for h in range(len(twins)):
+        if twins[h] > h:
+            join(parent, h // 3, twins[h] // 3)
     number_pieces(parent, out_label)
 
 
 @kernel
-def has_equal_faces(faces, half, twin):
-    """Tell whether the faces on both sides of an edge have the same third corner anywhere."""
-    for k in range(len(half)):
-        a, b = half[k] // 3, twin[k] // 3
-        if faces[a, (half[k] + 2) % 3] == faces[b, (twin[k] + 2) % 3]:
+def label_components(faces, parent, out_label):
+    """Component of each vertex: faces join their corners."""
+    for f in range(len(faces)):
+        join(parent, faces[f, 0], faces[f, 1])
+        join(parent, faces[f, 0], faces[f, 2])
+    number_pieces(parent, out_label)
+
+
+@kernel
+def mark_corners(faces, out_used):
+    """Tell the vertices that faces name, (n,)."""
+    for f in range(len(faces)):
+        out_used[faces[f, 0]] = out_used[faces[f, 1]] = out_used[faces[f, 2]] = True
+
+
+@kernel
+def list_twins(one, other, out_twins):
+    """Enter the half-edges of each edge of two as each other's, but for those of one face."""
+    for k in range(len(one)):
+        a, b = one[k], other[k]
+        if a // 3 != b // 3:
+            out_twins[a], out_twins[b] = b, a
+
+
+@kernel
+def has_equal_faces(twins):
+    """Tell whether a face has the same other one on all sides; edges have two faces at most."""
+    for f in range(len(twins) // 3):
+        beside = twins[3 * f] // 3
+        if beside >= 0 and beside == twins[3 * f + 1] // 3 and beside == twins[3 * f + 2] // 3:
             return True
     return False
+
+
+@kernel
+def count_rings(twins, seen):
+    """Rings of faces round vertices, where each half-edge has one that runs the other way.
+
+    `seen` (3m,) is False.
+    """
+    count = 0
+    for h in range(len(twins)):
+        if not seen[h]:
+            count += 1
+            while not seen[h]:
+                seen[h] = True
+                h = next_side(twins[h])
+    return count
 
 
 @kernel
@@ -99,14 +141,41 @@ def scale_vectors(vectors, out_areas, out_units):
 
 
 @kernel
+def measure_faces(points, faces, height, out_vectors, out_units, out_areas, out_flat):
+    """Do what `cross_faces`, `scale_vectors` and `find_flat_faces` do, in one pass."""
+    for f in range(len(faces)):
+        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        x, y, z = points[a, 0], points[a, 1], points[a, 2]
+        bx, by, bz = points[b, 0], points[b, 1], points[b, 2]
+        cx, cy, cz = points[c, 0], points[c, 1], points[c, 2]
+        ux, uy, uz, vx, vy, vz = bx - x, by - y, bz - z, cx - x, cy - y, cz - z
+        wx, wy, wz = cx - bx, cy - by, cz - bz
+        longest = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
+        longest = max(longest, wx * wx + wy * wy + wz * wz)
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        out_vectors[f, 0], out_vectors[f, 1], out_vectors[f, 2] = x, y, z
+        length = math.sqrt(x * x + y * y + z * z)
+        out_areas[f] = 0.5 * length
+        out_flat[f] = length <= height * longest
+        share = length if length > 0.0 else math.inf
+        out_units[f, 0], out_units[f, 1], out_units[f, 2] = x / share, y / share, z / share
+
+
+@kernel
 def measure_bends(first, second, units, out_bends):
     """Angle between the faces of two half-edges each, (p,); 0 where one has no area."""
-    for k in range(len(first)):
-        a, b = first[k] // 3, second[k] // 3
-        ax, ay, az = units[a, 0], units[a, 1], units[a, 2]
-        bx, by, bz = units[b, 0], units[b, 1], units[b, 2]
-        x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-        out_bends[k] = math.atan2(math.sqrt(x * x + y * y + z * z), ax * bx + ay * by + az * bz)
+    cosine = np.empty(256)
+    for begin in range(0, len(first), len(cosine)):
+        end = min(begin + len(cosine), len(first))
+        for k in range(begin, end):
+            a, b = first[k] // 3, second[k] // 3
+            ax, ay, az = units[a, 0], units[a, 1], units[a, 2]
+            bx, by, bz = units[b, 0], units[b, 1], units[b, 2]
+            x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+            out_bends[k] = math.sqrt(x * x + y * y + z * z)
+            cosine[k - begin] = ax * bx + ay * by + az * bz
+        for k in range(begin, end):  # after the normals of all: those are waited for once
+            out_bends[k] = math.atan2(out_bends[k], cosine[k - begin])
 
 
 @kernel
@@ -135,11 +204,31 @@ def find_flat_faces(points, faces, areas, height, out_flat):
 
 
 @kernel
-def sum_pieces(corner, vectors, areas, pieces, apex, out_sums):
+def add_corners(points, faces, pieces, out_sums, out_counts):
+    """Sum of the first corners of the faces of each piece, (c, 3), and how many these are, (c,)."""
+    for f in range(len(faces)):
+        p, v = pieces[f], faces[f, 0]
+        out_counts[p] += 1
+        for axis in range(3):
+            out_sums[p, axis] += points[v, axis]
+
+
+@kernel
+def measure_tetrahedra(points, faces, vectors, apex, out_volumes):
+    """Signed volume of the tetrahedron of each face with an apex (3,), (m,)."""
+    for f in range(len(faces)):
+        v = faces[f, 0]
+        x, y, z = points[v, 0] - apex[0], points[v, 1] - apex[1], points[v, 2] - apex[2]
+        x, y, z = x * vectors[f, 0], y * vectors[f, 1], z * vectors[f, 2]
+        out_volumes[f] = (x + z + y) / 6
+
+
+@kernel
+def sum_pieces(points, faces, vectors, areas, pieces, apex, out_sums):
     """Signed and absolute volume of the tetrahedra to the apex of a piece, and area, (3, c)."""
-    for f in range(len(corner)):
-        p = pieces[f]
-        x, y, z = corner[f, 0] - apex[p, 0], corner[f, 1] - apex[p, 1], corner[f, 2] - apex[p, 2]
+    for f in range(len(faces)):
+        p, v = pieces[f], faces[f, 0]
+        x, y, z = points[v, 0] - apex[p, 0], points[v, 1] - apex[p, 1], points[v, 2] - apex[p, 2]
         volume = (x * vectors[f, 0] + y * vectors[f, 1] + z * vectors[f, 2]) / 6.0
         out_sums[0, p] += volume
         out_sums[1, p] += abs(volume)

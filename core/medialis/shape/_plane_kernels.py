@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._kernels import group_keys, join, number_pieces
+from medialis.base._kernels import group_keys, join, number_pieces, sort_keys
 from medialis.base.jit import kernel
 
 SAME_TURN = 1e-4
@@ -107,15 +107,15 @@ class Borders(NamedTuple):
 
     Attributes
     ----------
-    one, other : (b,) int64
+    one, other : (b,) int32
     length, bend : (b,) float64
         Of all edges, and their mean bend.
     along : (b, 3) float64
         Direction of the longest edge.
     """
 
-    one: NDArray[np.int64]
-    other: NDArray[np.int64]
+    one: NDArray[np.int32]
+    other: NDArray[np.int32]
     length: NDArray[np.float64]
     bend: NDArray[np.float64]
     along: NDArray[np.float64]
@@ -216,56 +216,52 @@ def find_candidates(mesh, regions, crease, large, out_may, out_beside):
 
 
 @kernel
-def list_borders(mesh, regions, crease, beside, out_rows):
-    """List the rounded edges between two regions one of which is wanted; return how many."""
+def list_borders(mesh, regions, crease, beside, out_keys, out_starts):
+    """List the rounded edges between two regions one of which is wanted, by these.
+
+    A counting sort by the lower region; the few of each are put in order by the higher one, which
+    stands above the edge in `out_keys` (p,). `out_starts` (p + 1,) gets where each pair of regions
+    starts there, and where the last one ends. Return how many pairs there are.
+    """
     label, filled = regions.label, 0
+    low, keys = np.empty(len(mesh.first), np.int32), np.empty(len(mesh.first), np.int64)
+    place = np.zeros(len(regions.area), np.int32)
     for k in range(len(mesh.first)):
         if mesh.bends[k] <= crease:
             one, two = label[mesh.first[k] // 3], label[mesh.second[k] // 3]
             if one != two and (beside[one] or beside[two]):
-                out_rows[filled] = k
+                low[filled], keys[filled] = min(one, two), np.int64(max(one, two)) << 32 | k
+                place[low[filled]] += 1
                 filled += 1
-    return filled
-
-
-@kernel
-def group_borders(mesh, regions, rows, out_order, out_starts):
-    """Sort edges by their pairs of regions, the lower one first; return how many pairs there are.
-
-    A counting sort by the higher region, then by the lower one. `out_starts` (e + 1,) gets where
-    each pair starts in `out_order` (e,), and where the last one ends.
-    """
-    count, label = len(regions.area), regions.label
-    low, high = np.empty(len(rows), np.int64), np.empty(len(rows), np.int64)
-    for e in range(len(rows)):
-        one, two = label[mesh.first[rows[e]] // 3], label[mesh.second[rows[e]] // 3]
-        low[e], high[e] = min(one, two), max(one, two)
-    by_high, key = np.empty(len(rows), np.int32), np.empty(len(rows), np.int64)
-    group_keys(high, np.zeros(count + 2, np.int64), by_high)
-    for e in range(len(rows)):
-        key[e] = low[by_high[e]]
-    group_keys(key, np.zeros(count + 2, np.int64), out_order)
-    pairs, one, two = 0, -1, -1
-    for e in range(len(rows)):
-        edge = by_high[out_order[e]]
-        out_order[e] = edge
-        if low[edge] != one or high[edge] != two:
-            one, two = low[edge], high[edge]
-            out_starts[pairs] = e
-            pairs += 1
-    out_starts[pairs] = len(rows)
+    total = 0
+    for r in range(len(place)):
+        total, place[r] = total + place[r], total
+    for e in range(filled):
+        out_keys[place[low[e]]] = keys[e]
+        place[low[e]] += 1
+    pairs, begin = 0, 0
+    for r in range(len(place)):
+        before = -1
+        sort_keys(out_keys, begin, place[r])
+        for e in range(begin, place[r]):
+            if out_keys[e] >> 32 != before:
+                before = out_keys[e] >> 32
+                out_starts[pairs] = e
+                pairs += 1
+        begin = place[r]
+    out_starts[pairs] = filled
     return pairs
 
 
 @kernel
-def measure_borders(mesh, regions, rows, order, starts, out):
+def measure_borders(mesh, regions, keys, starts, out):
     """Fill the borders of pairs of regions from their edges, in both directions."""
     points, label, half = mesh.points, regions.label, len(starts) - 1
     step, along = np.empty(3), np.empty(3)
     for k in range(half):
         total, bend, longest = 0.0, 0.0, -1.0
         for e in range(starts[k], starts[k + 1]):
-            row = rows[order[e]]
+            row = keys[e] & 0xFFFFFFFF
             side = mesh.first[row]
             face = side // 3
             a, b = mesh.faces[face, side % 3], mesh.faces[face, (side + 1) % 3]
@@ -278,7 +274,7 @@ def measure_borders(mesh, regions, rows, order, starts, out):
                 longest = length
                 for axis in range(3):
                     along[axis] = step[axis] / length if length > 0.0 else 0.0
-        row = rows[order[starts[k]]]
+        row = keys[starts[k]] & 0xFFFFFFFF
         one, two = label[mesh.first[row] // 3], label[mesh.second[row] // 3]
         for place in (k, half + k):
             out.length[place], out.bend[place] = total, bend / max(total, TINY)

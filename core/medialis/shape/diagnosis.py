@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import Described, EdgeTable, Index, Mask, next_side, sums_of
-from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen
+from medialis.base.validation import FloatArray, IntArray, all_finite, as_faces, as_points, frozen
 from medialis.shape.surface import Surface, Topology, piece_labels
 
 
@@ -74,16 +74,25 @@ _OPEN_BULK = 1e-3
 """A bowl of depth d and width w has bulk of about 0.14 d/w; a sphere 0.094."""
 
 
+LEAST_SCALE = 2.0**-100
+"""Shapes of larger and smaller coordinates than its inverse and itself are scaled."""
+
+
 def power_of_two_scale(points: FloatArray) -> float:
-    """Return the power of two that brings the largest coordinate near 1: scaling by it is exact."""
-    largest = float(np.abs(points).max(initial=0.0))
+    """Return 1 where squares and cubes of lengths stay in range, or a power of two that does it.
+
+    It brings the largest coordinate near 1; scaling by it is exact.
+    """
+    largest = max(-float(points.min(initial=0.0)), float(points.max(initial=0.0)))
     exponent = int(np.frexp(largest)[1])
-    return float(np.ldexp(1.0, min(max(-exponent, -1020), 1020)))
+    scale = float(np.ldexp(1.0, min(max(-exponent, -1020), 1020)))
+    return 1.0 if LEAST_SCALE < scale < 1.0 / LEAST_SCALE else scale
 
 
 def scaled(points: FloatArray, faces: IntArray | None = None) -> Surface:
-    """Return a surface near size 1, so that squares and cubes of its lengths stay in range."""
-    return Surface.of_checked(points * power_of_two_scale(points), faces)
+    """Return a surface of a size such that squares and cubes of its lengths stay in range."""
+    scale = power_of_two_scale(points)
+    return Surface.of_checked(points if scale == 1.0 else points * scale, faces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +130,8 @@ def solid_pieces(surface: Surface) -> IntArray:
     """
     pieces, table = surface.face_pieces, surface.edge_table
     half, edge = _unbalanced(surface, pieces)
+    if len(half) == 0:
+        return pieces
     net = np.bincount(edge, np.where(table.forward[half], 1.0, -1.0), len(table.counts))
     closing = (net[edge] == 0) & (table.counts[edge] > 2)
     if not closing.any():
@@ -134,10 +145,10 @@ def solid_pieces(surface: Surface) -> IntArray:
 
 def piece_volumes(surface: Surface, pieces: IntArray) -> PieceVolumes:
     """Measure the pieces of a surface, given that of each face (m,)."""
-    from medialis.shape._kernels import sum_pieces
+    from medialis.shape._kernels import add_corners, sum_pieces
 
     assert surface.faces is not None
-    points, table = surface.points, surface.edge_table
+    points, faces, table = surface.points, surface.faces, surface.edge_table
     count = int(pieces.max()) + 1
     half, edge = _unbalanced(surface, pieces)
     piece = pieces[half // 3]
@@ -146,21 +157,25 @@ def piece_volumes(surface: Surface, pieces: IntArray) -> PieceVolumes:
     # The apex is the middle of the boundary, or of all corners of a closed piece.
     rim = np.concatenate([table.low[edge], table.high[edge]])
     apex = _middles(points[rim], np.concatenate([piece, piece]), count)
-    corner = points[surface.faces[:, 0]]
-    apex[closed] = _middles(corner, pieces, count)[closed]
+    middle, corners = np.zeros((count, 3)), np.zeros(count, np.int64)
+    add_corners(points, faces, pieces, middle, corners)
+    apex[closed] = (middle / corners[:, None])[closed]
     sums = np.zeros((3, count))
-    sum_pieces(corner, surface.face_vectors, surface.face_areas, pieces, apex, sums)
+    sum_pieces(points, faces, surface.face_vectors, surface.face_areas, pieces, apex, sums)
     return PieceVolumes(sums[0], sums[1], sums[2], closed)
 
 
 def _unbalanced(surface: Surface, pieces: IntArray) -> tuple[Index, Index]:
-    """Return half-edges and their edges where the faces of one piece do not cancel."""
+    """Return half-edges and their edges where the faces of one piece do not cancel.
+
+    Faces at an edge of two are of one piece.
+    """
     table, count = surface.edge_table, int(pieces.max()) + 1
-    plain = np.zeros(len(table.counts), bool)
-    a, b, agree = table.pairs
-    plain[table.counts == 2] = agree & (pieces[a // 3] == pieces[b // 3])
-    if plain.all():  # closed, as most meshes
+    *_, agree = table.pairs
+    if len(agree) == len(table.counts) and agree.all():  # closed, as most meshes
         return np.empty(0, np.int64), np.empty(0, np.int64)
+    plain = np.zeros(len(table.counts), bool)
+    plain[table.counts == 2] = agree
     edge = np.repeat(np.arange(len(table.counts)), table.counts)
     rest = ~plain[edge]
     half, edge = table.order[rest], edge[rest]
@@ -320,7 +335,8 @@ def winding_numbers(queries: FloatArray, triangles: FloatArray) -> FloatArray:
 
 def flipped(faces: IntArray, rows: NDArray[np.bool_]) -> IntArray:
     """Return faces with the given rows turned over; their first corner stays first."""
-    return np.where(rows[:, None], faces[:, [0, 2, 1]], faces)
+    a, b, c = faces.T
+    return np.stack([a, np.where(rows, c, b), np.where(rows, b, c)], axis=1)
 
 
 @dataclass(frozen=True, repr=False)
@@ -515,10 +531,10 @@ def diagnose(points: ArrayLike, faces: ArrayLike | None = None) -> Diagnosis:
 def examine(points: ArrayLike, faces: ArrayLike | None) -> tuple[Diagnosis, Surface]:
     """Return the diagnosis, and the finite part at a scale near 1 with all that was found of it."""
     xyz, triangles, lost = _finite_part(points, faces)
-    # Measured at a scale of about 1, which costs no accuracy (a power of two) and keeps squares and
-    # cubes of very large or very small lengths in range.
+    # Very large and very small lengths are measured at a scale of about 1, which costs no accuracy
+    # (a power of two) and keeps squares and cubes in range.
     scale = power_of_two_scale(xyz)
-    surface = Surface.of_checked(xyz * scale, triangles)
+    surface = scaled(xyz, triangles)
     values: dict[str, Any] = {"vertices": len(xyz), "faces": len(triangles)}
     values |= {"duplicate_vertices": _repeated(surface.first_equal_point)}
     values |= {"nonfinite_vertices": lost, "diagonal": surface.diagonal}
@@ -548,7 +564,7 @@ def _finite_part(points: ArrayLike, faces: ArrayLike | None) -> tuple[FloatArray
 def finite_points(points: ArrayLike, faces: ArrayLike) -> Mask | None:
     """Tell which points are finite, where others are there that no face uses; None elsewhere."""
     raw = np.asarray(points)
-    if raw.dtype.kind == "f" and raw.ndim == 2 and raw.shape[1] == 3:
+    if raw.dtype.kind == "f" and raw.ndim == 2 and raw.shape[1] == 3 and not all_finite(raw):
         finite = np.asarray(np.isfinite(raw).all(axis=1))
         if finite.any() and not finite.all() and finite[as_faces(faces, len(raw))].all():
             return finite
@@ -590,34 +606,42 @@ def _lengths(lengths: FloatArray) -> dict[str, float]:
 def _diagnose_faces(surface: Surface) -> dict[str, Any]:
     faces = surface.faces
     assert faces is not None
+    surface.measure_faces()
     values: dict[str, Any] = {
         "duplicate_faces": _repeated(surface.topology.first_equal_face),
         "degenerate_faces": int(surface.flat_faces.sum()),
         "unused_vertices": int((~surface.used_points).sum()),
         "area": surface.area,
     }
-    a, b, c = faces.T
-    proper = (a != b) & (b != c) & (c != a)
-    if not proper.any():
-        return _diagnose_cloud(Surface.of_checked(surface.points)) | values
-    if not proper.all():
-        surface = Surface.of_checked(surface.points, faces[proper])
+    if values["degenerate_faces"]:
+        a, b, c = faces.T
+        proper = (a != b) & (b != c) & (c != a)
+        if not proper.any():
+            return _diagnose_cloud(Surface.of_checked(surface.points)) | values
+        if not proper.all():
+            surface = Surface.of_checked(surface.points, faces[proper])
     return values | _lengths(surface.edge_lengths) | _topology(surface) | _facing(surface)
 
 
 def _topology(surface: Surface) -> dict[str, Any]:
     table = surface.edge_table
     single, many = table.single, table.counts > 2
-    fan = surface.topology.corner_fans()
-    several = _split_vertices(surface, fan)
     inconsistent = int((~table.pairs[2]).sum())
-    loops = _loops(single, fan)
+    if surface.topology.is_solid:  # one fan a vertex
+        several, loops, fans = 0, 0, int(np.count_nonzero(surface.used_points))
+    else:
+        fan = surface.topology.corner_fans()
+        several, loops, fans = (
+            _split_vertices(surface, fan),
+            _loops(single, fan),
+            int(fan.max()) + 1,
+        )
     genus = None
     orientable = not inconsistent or not agreeing_flips(surface)[1].any()
     if not many.any() and not several and orientable:
         # Euler characteristic with b boundary loops: V - E + F = 2 C - 2 g - b. Each vertex in use
         # has one fan here.
-        euler = int(fan.max()) + 1 - len(table.counts) + surface.face_count
+        euler = fans - len(table.counts) + surface.face_count
         genus = (2 * surface.part_count - loops - euler) // 2
     return {
         "edges": len(table.counts),
@@ -664,6 +688,8 @@ def _loops(single: IntArray, fan: IntArray) -> int:
 
 def _facing(surface: Surface) -> dict[str, Any]:
     """Return orientation and volume."""
+    from medialis.shape._kernels import add_corners, measure_tetrahedra
+
     assert surface.faces is not None
     counts = surface.edge_table.counts
     if not surface.edge_table.pairs[2].all():
@@ -674,8 +700,11 @@ def _facing(surface: Surface) -> dict[str, Any]:
         result: dict[str, Any] = {"orientation": _word(volume), "volume": None}
     else:
         # Pieces that meet at non-manifold edges are closed together, so one apex serves them all.
-        corner = surface.points[surface.faces[:, 0]]
-        tetra = np.einsum("ij,ij->i", corner - corner.mean(axis=0), surface.face_vectors) / 6
+        every = np.zeros(surface.face_count, np.int32)
+        middle, corners = np.zeros((1, 3)), np.zeros(1, np.int64)
+        add_corners(surface.points, surface.faces, every, middle, corners)
+        tetra, apex = np.empty(surface.face_count), middle[0] / corners[0]
+        measure_tetrahedra(surface.points, surface.faces, surface.face_vectors, apex, tetra)
         volume = float(tetra.sum())
         clear = abs(volume) > 1e-9 * np.abs(tetra).sum()
         result = {"orientation": _word(volume * clear), "volume": volume}

@@ -21,7 +21,7 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import nearest_rows, run_chunks, run_patiently
-from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen
+from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, frozen, sealed
 from medialis.shape.cylinders import Cylinders, find_cylinders, with_cylinders
 from medialis.shape.diagnosis import propagate_signs
 from medialis.shape.planes import find_planes, with_planes
@@ -107,23 +107,18 @@ def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) ->
     faces and straight edges, which refinement makes.
     """
     # Imported here: compiled code takes half a second to load, and `medialis --help` needs none.
-    from medialis.shape._kernels import cross_faces
     from medialis.shape._normal_kernels import Fans, fill_normals
 
     faces = frozen(faces, np.int32)
     # Scaled to about 1, so that squared areas of tiny or huge shapes stay in range.
-    size = float(np.abs(points - points[0]).max()) or 1.0
-    local = (points - points[0]) / size
-    units = np.empty((len(faces), 3))
-    cross_faces(local, faces, units)
-    length = np.sqrt(np.einsum("ij,ij->i", units, units))[:, None]
-    np.divide(units, length, out=units, where=length > 0)
+    local = points - points[0]
+    local /= max(-float(local.min()), float(local.max())) or 1.0
     fans = Ragged.group(faces.ravel(), len(points))
-    mesh = Fans(local, faces, units, fans.offsets, fans.indices)
+    mesh = Fans(local, faces, fans.offsets, fans.indices)
     normals, crease = np.zeros((len(points), 3)), math.cos(SHARP)
     with_these = mesh, crease, FACING_AWAY, smooth, normals
     run_chunks(fill_normals, len(points), VERTICES_A_CHUNK, *with_these)
-    return frozen(normals, np.float64)
+    return sealed(normals)
 
 
 BATCH = 1 << 16

@@ -40,9 +40,6 @@ OF_A_PART = 0.05
 """Share of the surface that is flat in a part. A scan or an isosurface has some faces in a plane by
 chance, up to 1.2 % on those tried, and nothing about them is special."""
 
-LEAST_SCALE = 2.0**-100
-"""Smaller and larger shapes are scaled, so that squares of areas stay in range."""
-
 
 def find_planes(surface: Surface, crease: float) -> IntArray:
     """Return the flat face of a part that each face of a mesh lies in, (m,); -1: in none.
@@ -85,7 +82,7 @@ def find_planes(surface: Surface, crease: float) -> IntArray:
 
 def _in_range(surface: Surface) -> Surface:
     scale = power_of_two_scale(surface.points)
-    if LEAST_SCALE < scale < 1.0 / LEAST_SCALE:
+    if scale == 1.0:
         return surface
     return Surface.of_checked(surface.points * scale, surface.faces).adopt(surface.topology)
 
@@ -121,14 +118,12 @@ def _borders(mesh: Mesh, regions: Regions, crease: float, beside: Mask) -> Borde
     """Return the borders of pairs of regions at edges of wanted ones: they lie on one line each."""
     from medialis.shape import _plane_kernels as kernels
 
-    rows = np.empty(len(mesh.first), np.int32)
-    rows = rows[: kernels.list_borders(mesh, regions, crease, beside, rows)]
-    order, starts = np.empty(len(rows), np.int32), np.empty(len(rows) + 1, np.int64)
-    pairs = kernels.group_borders(mesh, regions, rows, order, starts)
-    one, other = np.empty((2, 2 * pairs), np.int64)
+    keys, starts = np.empty(len(mesh.first), np.int64), np.empty(len(mesh.first) + 1, np.int32)
+    pairs = kernels.list_borders(mesh, regions, crease, beside, keys, starts)
+    one, other = np.empty((2, 2 * pairs), np.int32)
     length, bend = np.empty((2, 2 * pairs))
     borders = kernels.Borders(one, other, length, bend, np.empty((2 * pairs, 3)))
-    kernels.measure_borders(mesh, regions, rows, order, starts[: pairs + 1], borders)
+    kernels.measure_borders(mesh, regions, keys, starts[: pairs + 1], borders)
     return borders
 
 

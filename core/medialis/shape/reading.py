@@ -383,7 +383,8 @@ def _made(
         if directions is None or told.planes is not None:
             surface = Surface.of_checked(vertices, triangles)
             if known is not None:
-                surface.adopt(known)
+                surface.adopt_measures(known)
+                del known
             planes = extra.get("planes")
             if planes is None:
                 planes = run_patiently(lambda: find_planes(surface, SHARP), progress)
@@ -396,6 +397,7 @@ def _made(
             directions = computed
             extra |= {"planes": planes, "cylinders": cylinders}
             measured = surface
+            measured.__dict__.pop("face_vectors", None)  # as large as the shape
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"
         code = "normals_missing" if directions is None else "normals_zero"
@@ -405,7 +407,7 @@ def _made(
     if measured is not None:
         shape.adopt_measures(measured)
     elif known is not None:
-        shape.adopt(known)
+        shape.adopt(known.topology)
     if repair and (far := run_patiently(lambda: far_points(shape), progress)) is not None:
         progress.record(far)
     return shape

@@ -28,7 +28,7 @@ from medialis.shape.diagnosis import (
     scaled,
     solid_pieces,
 )
-from medialis.shape.surface import Surface, Topology
+from medialis.shape.surface import Surface
 
 _ROUNDS = 30
 _APART = np.arange(6, dtype=np.int32).reshape(2, 3)
@@ -203,7 +203,7 @@ def repaired(
     faces: ArrayLike | None,
     normals: ArrayLike | None,
     examined: Surface | None = None,
-) -> tuple[Repair, Topology]:
+) -> tuple[Repair, Surface]:
     """Repair, given what `examine` found of the same arrays; return what is then known as well."""
     work = _Work.begin(points, faces, normals)
     if examined is not None and np.array_equal(work.faces, examined.topology.faces):
@@ -220,7 +220,7 @@ def repaired(
         work.drop_unused()
         work.agree()
         work.turn_outward()
-    return work.result(faces is not None), work.surface().topology
+    return work.result(faces is not None), work.surface()
 
 
 @dataclass(eq=False)
@@ -272,6 +272,8 @@ class _Work:
             self._keep_points(keep, first)
 
     def drop_degenerate(self) -> None:
+        if not self.surface().flat_faces.any():
+            return
         a, b, c = self.faces.T
         keep = (a != b) & (b != c) & (c != a)
         if self._note("Dropped {} with a repeated corner.", "repeated_corners", "face", ~keep):
@@ -305,8 +307,7 @@ class _Work:
             self._keep_faces(~(repeated | folds))
 
     def drop_unused(self) -> None:
-        used = np.zeros(len(self.points), bool)
-        used[self.faces] = True
+        used = self.surface().used_points
         if self._note("Dropped {} that no face uses.", "unused_dropped", "vertex", ~used):
             self._keep_points(used)
 
@@ -332,8 +333,8 @@ class _Work:
         self._note(text, "open_turned", "open piece", opened)
         self._note("Kept {} facing inward.", "cavities_kept", "cavity", cavity)
         if flip.any():
-            self.faces, table = flipped(self.faces, flip[piece]), surface.edge_table
-            self.surface().topology.__dict__["edge_table"] = table.turned(flip[piece])
+            self.faces = flipped(self.faces, flip[piece])
+            self.surface().adopt_turned(surface, flip[piece])
             self._turn_normals(surface, flip, piece)
 
     def _turn_normals(self, before: Surface, flip: NDArray[np.bool_], piece: IntArray) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 from collections.abc import Hashable
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
@@ -228,8 +229,11 @@ def far_points(shape: Shape) -> Message | None:
     Message or None
         What lies where, what it does to the lengths, and what to do.
     """
-    low, high = np.quantile(shape.points, TAILS, axis=0)
-    bulk = float(np.linalg.norm(high - low))
+    if _are_spread(shape):
+        bulk = math.inf
+    else:
+        low, high = np.quantile(shape.points, TAILS, axis=0)
+        bulk = float(np.linalg.norm(high - low))
     harm = f"Options are shares of the diagonal of {shape.diagonal:.3g}, too coarse for the"
     if 0 < bulk < shape.diagonal / FAR:
         away = ((shape.points < low - bulk) | (shape.points > high + bulk)).any(axis=1)
@@ -249,6 +253,20 @@ def far_points(shape: Shape) -> Message | None:
         )
         return Message(text, "far_parts", logging.WARNING, parts=parts, size=largest)
     return None
+
+
+def _are_spread(shape: Shape) -> bool:
+    """Tell whether the bulk of the points is surely no share of the diagonal that counts as far.
+
+    Along the longest side more points than the tails hold lie on both sides of a slab twice as wide
+    as that share: so do the quantiles, which take long to find.
+    """
+    low, high = shape.bounds
+    axis = int((high - low).argmax())
+    values, middle = shape.points[:, axis], 0.5 * (low[axis] + high[axis])
+    half, least = shape.diagonal / FAR, TAILS[0] * len(values) + 2
+    sides = values < middle - half, values > middle + half
+    return all(np.count_nonzero(side) > least for side in sides)
 
 
 def _largest_part(shape: Shape) -> float:

@@ -20,7 +20,15 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import EdgeTable, Index, Ragged, first_equal_row, kd_tree, next_side
+from medialis.base.arrays import (
+    EdgeTable,
+    Index,
+    Mask,
+    Ragged,
+    first_equal_row,
+    kd_tree,
+    next_side,
+)
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Positions, as_faces, as_points, frozen
 
@@ -56,11 +64,37 @@ class Topology:
     @cached_property
     def edge_twins(self) -> IntArray:
         """The same edge in the neighbouring face, (3m,), see `Surface.edge_twins`."""
-        a, b, _ = self.edge_table.pairs
-        apart = a // 3 != b // 3
+        from medialis.shape._kernels import list_twins
+
         result = np.full(3 * len(self.faces), -1, np.int32)
-        result[a[apart]], result[b[apart]] = b[apart], a[apart]
+        list_twins(*self.edge_table.pairs[:2], result)
         return frozen(result, np.int32)
+
+    @cached_property
+    def is_solid(self) -> bool:
+        """Whether each edge has two faces, which agree on their outside, and each vertex one ring.
+
+        So it is where the faces bound a solid that touches itself nowhere, or several.
+        """
+        from medialis.shape._kernels import count_rings
+
+        *_, opposite = self.edge_table.pairs
+        if 2 * len(opposite) != 3 * len(self.faces) or not opposite.all():
+            return False
+        twins = self.edge_twins  # an edge of a face that names a vertex twice has none
+        if twins.min(initial=0) < 0:
+            return False
+        rings = count_rings(twins, np.zeros(len(twins), np.bool_))
+        return rings == int(np.count_nonzero(self.used_points))
+
+    @cached_property
+    def used_points(self) -> Mask:
+        """True for the points that faces use, (n,)."""
+        from medialis.shape._kernels import mark_corners
+
+        used = np.zeros(self.point_count, np.bool_)
+        mark_corners(self.faces, used)
+        return frozen(used, np.bool_)
 
     @cached_property
     def fans(self) -> Ragged:
@@ -70,21 +104,25 @@ class Topology:
     @cached_property
     def components(self) -> IntArray:
         """Connected component of each point, (n,), numbered by their lowest vertex."""
-        return piece_labels(self.point_count, self.edges)
+        from medialis.shape._kernels import label_components
+
+        label = np.empty(self.point_count, np.int32)
+        label_components(self.faces, np.arange(len(label), dtype=np.int32), label)
+        return frozen(label, np.int32)
 
     @cached_property
     def part_count(self) -> int:
         """Number of components that have faces."""
-        return int(np.count_nonzero(np.bincount(self.components[self.faces[:, 0]])))
+        unused = len(self.used_points) - int(np.count_nonzero(self.used_points))
+        return int(self.components.max(initial=-1)) + 1 - unused
 
     @cached_property
     def face_pieces(self) -> IntArray:
         """Piece of each face, (m,), see `Surface.face_pieces`."""
         from medialis.shape._kernels import label_face_pieces
 
-        a, b, _ = self.edge_table.pairs
         label = np.empty(len(self.faces), np.int32)
-        label_face_pieces(a, b, np.arange(len(label), dtype=np.int32), label)
+        label_face_pieces(self.edge_twins, np.arange(len(label), dtype=np.int32), label)
         return frozen(label, np.int32)
 
     def corner_fans(self) -> IntArray:
@@ -102,7 +140,7 @@ class Topology:
 
         # Where an edge has two faces at most, equal ones share all of theirs.
         table = self.edge_table
-        if table.counts.max(initial=0) < 3 and not has_equal_faces(self.faces, *table.pairs[:2]):
+        if table.counts.max(initial=0) < 3 and not has_equal_faces(self.edge_twins):
             return np.arange(len(self.faces))
         # Three at a time: numpy goes along the short axis one by one.
         a, b, c = (self.faces[:, j].astype(np.int64) for j in range(3))
@@ -286,9 +324,29 @@ class Surface(Bound):
         """Use what was measured of faces and edges of the same points, and `adopt` its topology."""
         same = self.adopt(known.topology).topology is known.topology
         if same and np.array_equal(self.points, known.points):
-            names = "_face_units", "edge_bends"
+            names = "_face_units", "face_vectors", "flat_faces", "edge_bends"
             self.__dict__.update({n: known.__dict__[n] for n in names if n in known.__dict__})
         return self
+
+    def adopt_turned(self, known: Surface, turned: Mask) -> None:
+        """Use what is the same on a surface some faces of which, whole pieces, are turned over."""
+        own, its = self.topology.__dict__, known.topology.__dict__
+        own["edge_table"] = known.edge_table.turned(turned)
+        names = "edges", "used_points", "components", "face_pieces", "first_equal_face", "is_solid"
+        own.update({name: its[name] for name in names if name in its})
+        self.__dict__["flat_faces"] = known.flat_faces
+
+    def measure_faces(self) -> None:
+        """Find `face_vectors`, `face_areas`, `face_normals` and `flat_faces` in one pass."""
+        from medialis.shape._kernels import measure_faces
+
+        m = self.face_count
+        vectors, units = np.empty((m, 3)), np.empty((m, 3))
+        areas, flat = np.empty(m), np.empty(m, np.bool_)
+        measure_faces(self.points, self.faces, FLAT_HEIGHT, vectors, units, areas, flat)
+        self.__dict__["face_vectors"] = frozen(vectors, np.float64)
+        self.__dict__["_face_units"] = frozen(areas, np.float64), frozen(units, np.float64)
+        self.__dict__["flat_faces"] = frozen(flat, np.bool_)
 
     @property
     def edge_table(self) -> EdgeTable:
@@ -350,13 +408,12 @@ class Surface(Bound):
         """Edges with a single face, where all others have two: 0 for a closed surface."""
         return 2 * len(self.edges) - 3 * self.face_count
 
-    @cached_property
+    @property
     def used_points(self) -> NDArray[np.bool_]:
         """True for the points that faces use, (n,); for all of a cloud."""
-        used = np.full(self.point_count, self.faces is None)
-        if self.faces is not None:
-            used[self.faces] = True
-        return frozen(used, np.bool_)
+        if self.faces is None:
+            return frozen(np.ones(self.point_count), np.bool_)
+        return self.topology.used_points
 
     # Neighbours
 
