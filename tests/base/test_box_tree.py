@@ -55,7 +55,7 @@ def samples_below(tree, n, node, slot):
 
 
 @pytest.mark.parametrize("n", SIZES)
-def test_boxes_and_slabs_hold_their_samples(n):
+def test_boxes_and_discs_hold_their_samples(n):
     """Bounds are float32 roundings: off by half a unit of the largest coordinate at most."""
     normals = np.random.default_rng(2).normal(size=(n, 3))
     normals[::3] = 0
@@ -73,8 +73,11 @@ def test_boxes_and_slabs_hold_their_samples(n):
                 b = bounds[:, slot].astype(float)
                 assert (p >= b[:3] - slack).all() and (p <= b[3:6] + slack).all(), name
                 assert (p.min(0) <= b[:3] + slack).all() and (p.max(0) >= b[3:6] - slack).all()
+                p = p - (bounds[:3, slot] + bounds[3:6, slot]).astype(float) / 2
                 offsets = p @ b[6:9]
                 assert (offsets >= b[9] - slack).all() and (offsets <= b[10] + slack).all()
+                beside = np.linalg.norm(p - offsets[:, None] * b[6:9], axis=1)
+                assert abs(beside.max() - b[11]) <= slack, name
                 if tree.child[node] < 0:
                     covered[begin:end] += 1
         assert (covered == 1).all()
@@ -112,6 +115,6 @@ def test_masks_have_32_bits():
     """
     numba = pytest.importorskip("numba")
     test_children = numba.njit(_test_children.py_func)
-    assert test_children(np.zeros((11, FAN), np.float32), 0.0, 0.0, 0.0, 1.0) == (1 << FAN) - 1
+    assert test_children(np.zeros((12, FAN), np.float32), 0.0, 0.0, 0.0, 1.0) == (1 << FAN) - 1
     (signature,) = test_children.nopython_signatures
     assert signature.return_type == numba.int32

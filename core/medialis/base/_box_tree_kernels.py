@@ -3,7 +3,7 @@
 Strategy. A balanced binary kd-tree of depth D over n samples needs no pointers: node j of level b
 covers the samples (n*j >> b) .. (n*(j+1) >> b) of the sorted array. Three binary levels are stored
 as one wide node with 8 children, whose bounds lie side by side (structure of arrays, float32), so
-that one visit tests 8 boxes and 8 slabs with vector instructions. Leaves hold at most LEAF samples,
+that one visit tests 8 boxes and 8 discs with vector instructions. Leaves hold at most LEAF samples,
 padded to LEAF, again side by side.
 
 While the tree is built the samples are rows (x, y, z, original index): one row moves as one unit,
@@ -22,8 +22,9 @@ from medialis.base.jit import kernel
 
 LEAF = 16  # samples a leaf at most: two AVX-512 or four AVX2 loads for each coordinate
 FAN = 8  # children of a wide node
-# Rows of a node's bounds: box low x y z, box high x y z, slab direction x y z, slab low, slab high.
-BOUND_ROWS = 11
+# Rows of a node's bounds: box low x y z, box high x y z; axis of the disc x y z, where it begins
+# and ends along that from the middle of the box, and its radius.
+BOUND_ROWS = 12
 BITS = np.array([1 << j for j in range(16)], np.int32)
 """What stands for item j in a mask. A mask of 32 bits is made by vectors of 8 float32; numba's own
 shifts and sums have 64 bits, and vectors are as long as their widest number: half as many."""
@@ -31,7 +32,7 @@ _LOWEST_BIT = np.array([0, *((i & -i).bit_length() - 1 for i in range(1, 1 << FA
 
 
 class BoxTree(NamedTuple):
-    """Samples in tree order with a box and a slab for every node.
+    """Samples in tree order with a box and a disc for every node.
 
     Coordinates are relative to `center`, so that float32 bounds are good to 1e-7 of the diagonal
     wherever the shape lies.
@@ -46,10 +47,11 @@ class BoxTree(NamedTuple):
         Original index of each sample in tree order.
     blocks : (leaves, 3, LEAF) float64
         Leaf coordinates side by side; a short leaf repeats its last sample.
-    bounds : (nodes, 11, 8) float32
-        For the 8 children of a node: box low, box high, slab direction, slab low, slab high. A slab
-        is the range of offsets of the samples along their mean normal: thinner than the box where
-        the surface is nearly flat. Unused children have an empty box.
+    bounds : (nodes, 12, 8) float32
+        For the 8 children of a node: box low, box high, axis, low, high, radius. The disc round the
+        middle of the box has the mean normal of the samples as its axis: where the surface is
+        nearly flat it is thinner than the box, and ends where the samples end. Of slabs without an
+        end a ball meets three times as many. Unused children have an empty box.
     child : (nodes,) int64
         First child: a node number, or ~leaf where the children are leaves.
     depth : int
@@ -71,6 +73,26 @@ class BoxTree(NamedTuple):
         place = np.empty(len(self.order), np.int32)
         place[self.order] = np.arange(len(place), dtype=np.int32)
         return place
+
+
+class Leaves(NamedTuple):
+    """What lies in each leaf of a tree, for `bound_nodes`.
+
+    Attributes
+    ----------
+    points : (k, 3) float64
+    first : (leaves + 1,) int64
+        Where the points of each leaf start.
+    normals : (l, 3) float64
+        The sum of those of a node is the axis of its disc.
+    sides : (leaves + 1,) int64
+        Where the normals of each leaf start.
+    """
+
+    points: NDArray[np.float64]
+    first: NDArray[np.int64]
+    normals: NDArray[np.float64]
+    sides: NDArray[np.int64]
 
 
 class Items(NamedTuple):
@@ -167,15 +189,17 @@ def fill_leaves(rows, normals, depth, first, last, out):
 
 
 @kernel
-def _bound(points, normals, begin, end, out, slot):
-    """Box and slab of the samples begin..end, into column `slot` of a node."""
-    lx, ly, lz = points[begin, 0], points[begin, 1], points[begin, 2]
-    hx, hy, hz = lx, ly, lz
-    mx, my, mz = 0.0, 0.0, 0.0
+def _bound(leaves, one, other, out, slot):
+    """Box and disc of the points of the leaves one..other, into column `slot` of a node."""
+    points, normals, sides = leaves.points, leaves.normals, leaves.sides
+    begin, end = leaves.first[one], leaves.first[other]
+    lx, ly, lz, hx, hy, hz = math.inf, math.inf, math.inf, -math.inf, -math.inf, -math.inf
     for i in range(begin, end):
         x, y, z = points[i, 0], points[i, 1], points[i, 2]
         lx, ly, lz = min(lx, x), min(ly, y), min(lz, z)
         hx, hy, hz = max(hx, x), max(hy, y), max(hz, z)
+    mx, my, mz = 0.0, 0.0, 0.0
+    for i in range(sides[one], sides[other]):
         mx += normals[i, 0]
         my += normals[i, 1]
         mz += normals[i, 2]
@@ -185,50 +209,72 @@ def _bound(points, normals, begin, end, out, slot):
         mx = np.float64(np.float32(mx / length))
         my = np.float64(np.float32(my / length))
         mz = np.float64(np.float32(mz / length))
-    low, high = math.inf, -math.inf
-    for i in range(begin, end):
-        s = mx * points[i, 0] + my * points[i, 1] + mz * points[i, 2]
-        low, high = min(low, s), max(high, s)
     out[0, slot], out[1, slot], out[2, slot] = lx, ly, lz
     out[3, slot], out[4, slot], out[5, slot] = hx, hy, hz
     out[6, slot], out[7, slot], out[8, slot] = mx, my, mz
-    out[9, slot], out[10, slot] = low, high
+    # The middle of the box as `disc_distance2` rounds it.
+    x0, y0 = 0.5 * (out[0, slot] + out[3, slot]), 0.5 * (out[1, slot] + out[4, slot])
+    z0 = 0.5 * (out[2, slot] + out[5, slot])
+    low, high, far = math.inf, -math.inf, 0.0
+    for i in range(begin, end):
+        x, y, z = points[i, 0] - x0, points[i, 1] - y0, points[i, 2] - z0
+        s = mx * x + my * y + mz * z
+        x, y, z = x - s * mx, y - s * my, z - s * mz
+        low, high, far = min(low, s), max(high, s), max(far, x * x + y * y + z * z)
+    out[9, slot], out[10, slot], out[11, slot] = low, high, math.sqrt(far)
 
 
 @kernel
-def bound_nodes(points, normals, child_depth, fan, first, last, out_bounds):
-    """Bounds of the children of wide nodes first..last of one level (children at `child_depth`)."""
-    n = len(points)
+def bound_nodes(leaves, below, fan, first, last, out_bounds):
+    """Bounds of the children of wide nodes first..last of one level, with `below` leaves each."""
     for node in range(first, last):
         for slot in range(fan):
             child = node * fan + slot
-            begin, end = (n * child) >> child_depth, (n * (child + 1)) >> child_depth
-            _bound(points, normals, begin, end, out_bounds[node], slot)
+            _bound(leaves, child * below, (child + 1) * below, out_bounds[node], slot)
+
+
+@kernel
+def box_distance2(bound, j, fx, fy, fz):
+    """Squared distance of the box of child j; all float32."""
+    zero = np.float32(0.0)
+    ax, bx = bound[0, j] - fx, fx - bound[3, j]
+    ay, by = bound[1, j] - fy, fy - bound[4, j]
+    az, bz = bound[2, j] - fz, fz - bound[5, j]
+    # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
+    dx = ax if ax > bx else bx
+    dy = ay if ay > by else by
+    dz = az if az > bz else bz
+    dx = dx if dx > zero else zero
+    dy = dy if dy > zero else zero
+    dz = dz if dz > zero else zero
+    return dx * dx + dy * dy + dz * dz
+
+
+@kernel
+def disc_distance2(bound, j, fx, fy, fz):
+    """Squared distance of the disc of child j; all float32."""
+    half, zero = np.float32(0.5), np.float32(0.0)
+    x, y = fx - half * (bound[0, j] + bound[3, j]), fy - half * (bound[1, j] + bound[4, j])
+    z = fz - half * (bound[2, j] + bound[5, j])
+    s = bound[6, j] * x + bound[7, j] * y + bound[8, j] * z
+    x, y, z = x - s * bound[6, j], y - s * bound[7, j], z - s * bound[8, j]
+    beside = math.sqrt(x * x + y * y + z * z) - bound[11, j]
+    beside = beside if beside > zero else zero
+    before, behind = bound[9, j] - s, s - bound[10, j]
+    off = before if before > behind else behind
+    off = off if off > zero else zero
+    return off * off + beside * beside
 
 
 @kernel
 def test_children(bound, cx, cy, cz, reach):
-    """Children whose box and slab come nearer to the center than `reach`: a bit for each."""
+    """Children whose box and disc come nearer to the center than `reach`: a bit for each."""
     fx, fy, fz = np.float32(cx), np.float32(cy), np.float32(cz)
-    reach1, reach2 = np.float32(reach), np.float32(reach * reach)
-    zero, none = np.float32(0.0), np.int32(0)
+    reach2, none = np.float32(reach * reach), np.int32(0)
     bits = none
     for j in range(FAN):
-        ax, bx = bound[0, j] - fx, fx - bound[3, j]
-        ay, by = bound[1, j] - fy, fy - bound[4, j]
-        az, bz = bound[2, j] - fz, fz - bound[5, j]
-        # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
-        dx = ax if ax > bx else bx
-        dy = ay if ay > by else by
-        dz = az if az > bz else bz
-        dx = dx if dx > zero else zero
-        dy = dy if dy > zero else zero
-        dz = dz if dz > zero else zero
-        s = bound[6, j] * fx + bound[7, j] * fy + bound[8, j] * fz
-        sa, sb = bound[9, j] - s, s - bound[10, j]
-        slab = sa if sa > sb else sb
-        hit = (dx * dx + dy * dy + dz * dz < reach2) & (slab < reach1)
-        bits = np.int32(bits | (BITS[j] if hit else none))
+        box, disc = box_distance2(bound, j, fx, fy, fz), disc_distance2(bound, j, fx, fy, fz)
+        bits = np.int32(bits | (BITS[j] if (box < reach2) & (disc < reach2) else none))
     return bits
 
 
@@ -254,14 +300,6 @@ def largest_radii(radii, child_depth, fan, first, last, out_largest):
             for i in range(begin, end):
                 largest = max(largest, radii[i])
             out_largest[node, slot] = largest
-
-
-@kernel
-def _box_distance(bound, j, x, y, z):
-    dx = max(bound[0, j] - x, x - bound[3, j], 0.0)
-    dy = max(bound[1, j] - y, y - bound[4, j], 0.0)
-    dz = max(bound[2, j] - z, z - bound[5, j], 0.0)
-    return math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @kernel
@@ -333,7 +371,8 @@ def nearest_item(begin, end, queries, tree, items, margin, enough, out):
             base = child[node]
             nearest = 0
             for j in range(FAN):
-                bound[j] = _box_distance(bounds[node], j, x, y, z) - largest[node, j] - margin
+                box = math.sqrt(box_distance2(bounds[node], j, x, y, z))
+                bound[j] = box - largest[node, j] - margin
                 if bound[j] < bound[nearest]:
                     nearest = j
             for turn in range(FAN):

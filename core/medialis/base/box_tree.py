@@ -19,7 +19,7 @@ from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray
 
 if TYPE_CHECKING:
-    from medialis.base._box_tree_kernels import BoxTree, Items
+    from medialis.base._box_tree_kernels import BoxTree, Items, Leaves
 
 SERIAL_LEVELS = 3  # the top levels are split one by one; below, 8 subtrees go to the threads
 NODES_A_CHUNK = 64
@@ -75,15 +75,22 @@ def build_box_tree(
     run_chunks(partial(kernels.fill_leaves, rows, normals, depth), leaves, LEAVES_A_CHUNK, samples)
     bounds = allocate("bounds", (nodes, kernels.BOUND_ROWS, kernels.FAN), np.float32)
     tree = kernels.BoxTree(center, *samples, bounds, allocate("child", (nodes,), np.int64), depth)
-    tree.bounds[:, :3], tree.bounds[:, 9:] = np.inf, np.inf
-    tree.bounds[:, 3:6] = -np.inf
-    tree.bounds[:, 6:9] = 0.0
-    for here, child_depth, fan in levels:
+    for here, _, fan in levels:
         children = fan * np.arange(here.stop - here.start)
         tree.child[here] = ~children if here.stop == nodes else here.stop + children
-        bound = partial(kernels.bound_nodes, tree.points, tree.normals, child_depth, fan)
-        run_chunks(bound, len(children), NODES_A_CHUNK, tree.bounds[here])
+    first = (n * np.arange(leaves + 1)) >> depth
+    fill_bounds(tree.bounds, depth, kernels.Leaves(tree.points, first, tree.normals, first))
     return tree
+
+
+def fill_bounds(bounds: NDArray[Any], depth: int, leaves: Leaves) -> None:
+    """Fill the bounds of a tree of some binary levels with those of what lies in its leaves."""
+    from medialis.base._box_tree_kernels import bound_nodes
+
+    bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
+    for here, child_depth, fan in wide_levels(depth):
+        bound = partial(bound_nodes, leaves, 1 << (depth - child_depth), fan)
+        run_chunks(bound, here.stop - here.start, NODES_A_CHUNK, bounds[here])
 
 
 def wide_levels(depth: int) -> list[tuple[slice, int, int]]:

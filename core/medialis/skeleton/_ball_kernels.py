@@ -16,7 +16,7 @@ samples are nearly equidistant (tubes, spheres) the one farthest from p wins. Th
 ball through p and the winner: it is smaller, so no sample lies deeper than a in it either.
 
 Depth test without square root or division: deeper than a is num < r den - a (2 r - a); eight
-samples are tested by one vector instruction. Nodes are skipped when their box or slab lies outside
+samples are tested by one vector instruction. Nodes are skipped when their box or disc lies outside
 the ball of radius r - a. The float32 bounds are good to `margin`, which is added to that radius, so
 a skip is always right.
 

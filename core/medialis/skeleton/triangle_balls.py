@@ -25,14 +25,11 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import SAMPLES_A_CHUNK, BallStatus, MedialCloud, shrink_options
 
 if TYPE_CHECKING:
-    from medialis.base._box_tree_kernels import BoxTree
+    from medialis.base._box_tree_kernels import BoxTree, Leaves
     from medialis.skeleton._triangle_kernels import Hung
 
 BLOCKS_A_CHUNK = 1024  # halved 0 %, doubled 0 %
 """Of 16 faces."""
-
-NODES_A_CHUNK = 64  # halved 0 %, doubled 0 %
-"""Of the tree, each with all faces below it."""
 
 ROUNDING = 1e-10  # halved 0 %, doubled 0 %
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
@@ -83,7 +80,7 @@ class Walls:
     @classmethod
     def of(cls, creases: Creases, tree: BoxTree) -> Walls:
         """Hang the triangles of a mesh on the tree of its samples. Cost O(m), parallel."""
-        from medialis.base.box_tree import wide_levels
+        from medialis.base.box_tree import fill_bounds
         from medialis.skeleton import _triangle_kernels as kernels
 
         shape, place = creases.shape, tree.place
@@ -101,11 +98,7 @@ class Walls:
         hulls = np.empty((blocks, kernels.ROWS, kernels.BLOCK), np.float32)
         run_chunks(kernels.fill_hulls, blocks, BLOCKS_A_CHUNK, tree.points, corners, hulls)
         bounds = np.empty_like(tree.bounds)
-        bounds[:, :3], bounds[:, 3:6], bounds[:, 6:9], bounds[:, 9:] = np.inf, -np.inf, 0.0, np.inf
-        for nodes, child_depth, fan in wide_levels(depth):
-            level = fan, 1 << (depth - child_depth), bounds[nodes]
-            given = nodes.stop - nodes.start, NODES_A_CHUNK, tree.points, corners, first
-            run_chunks(kernels.bound_faces, *given, *level)
+        fill_bounds(bounds, depth, _leaves(tree.points, corners, first))
         hung = kernels.Hung(tree.points, bounds, tree.child, first, corners, reliefs, hulls)
         return cls(creases, tree, order, hung)
 
@@ -189,6 +182,18 @@ class Walls:
         contact = np.einsum("kj,kja->ka", weights, shape.points[np.asarray(shape.faces)[faces]])
         radii = _within_cylinders(shape, faces, contact, own, direction[touching], radii)
         return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
+
+
+def _leaves(points: FloatArray, corners: IntArray, first: NDArray[np.int64]) -> Leaves:
+    """Return what `fill_bounds` takes: the corners of the faces of each leaf."""
+    from medialis.base._box_tree_kernels import Leaves
+    from medialis.skeleton._triangle_kernels import gather_corners
+
+    count = len(first) - 1
+    places, normals = np.empty((3 * len(corners), 3)), np.empty((count, 3))  # mostly not touched
+    starts, place = np.empty(count + 1, np.int64), np.full(len(points), -1, np.int32)
+    filled = gather_corners(points, corners, first, place, (places, starts, normals))
+    return Leaves(places[:filled], starts, normals, np.arange(count + 1))
 
 
 AT_EDGE = 0.3
