@@ -1,5 +1,6 @@
 """``python -m medialis`` and the command `medialis`: the command line, which any signal may end."""
 
+import gc
 import os
 import signal
 import sys
@@ -8,6 +9,9 @@ from types import FrameType
 
 LINE = b"medialis: cancelled, nothing was written.\n"
 EXIT_CANCELLED = 130
+OBJECTS = 20_000
+"""Python looks for cycles when so many objects are new: at its 700, that is a twentieth of the time
+that a shape of 35,000 points takes, as hundreds of modules are loaded."""
 
 
 def _quit(number: int, frame: FrameType | None) -> None:
@@ -25,6 +29,7 @@ def _handle(handler: object) -> None:
 def run() -> int:
     """Run the command line; return its exit code."""
     _handle(_quit)
+    gc.set_threshold(OBJECTS)
     from medialis.cli.commands import main
 
     code = main()

@@ -63,13 +63,12 @@ def test_candidates_report_often(creature):
 def test_pictures_and_files_report(creature, tmp_path):
     """A picture of a million triangles was drawn without a report: five seconds."""
     result = medialis.run("surface_skeleton", creature)
-    bands = 1500 // 32
+    bands = 750 // 32
     calls = calls_of(lambda told: medialis.draw_result(result, progress=told))
-    assert calls["triangles"] >= bands and calls["see-through"] >= bands
-    assert min(calls["balls"], calls["light"]) >= bands / 4  # bands with nothing in them are one
+    assert calls["draw"] >= bands  # three a band; those above and below the shape are not drawn
     calls = calls_of(lambda told: medialis.write_result(result, tmp_path / "out", progress=told))
     assert calls.keys() == {"write", "picture", "check"}
-    assert calls["picture"] >= 2 * bands and calls["write"] >= len(result.layers)
+    assert calls["picture"] >= bands and calls["write"] >= len(result.layers)
 
 
 @pytest.mark.usefixtures("no_reports_by_the_clock")

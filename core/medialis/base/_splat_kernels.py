@@ -85,23 +85,18 @@ class Triangles(NamedTuple):
 
 
 class Mesh(NamedTuple):
-    """The faces that pieces of triangles belong to.
+    """The faces that pieces of triangles belong to, as they look.
 
     Attributes
     ----------
-    points : (n, 3) float64
-        In view space.
-    faces : (m, 3) int32
-    normals, colors : (m, 3, 3) float32
-        At the corners; colors in linear light.
+    planes : (m, 3, 6) float32
+        Normal (3) and color in linear light (3) at a pixel are q planes[face], where q is
+        (x, y, 1) in view space (orthographic), or the place that is seen (perspective).
     density : (m,) float32
         Optical density of a see-through face, seen along its normal.
     """
 
-    points: NDArray[np.float64]
-    faces: NDArray[np.int32]
-    normals: NDArray[np.float32]
-    colors: NDArray[np.float32]
+    planes: NDArray[np.float32]
     density: NDArray[np.float32]
 
 
@@ -116,11 +111,14 @@ class Canvas(NamedTuple):
         The ball or triangle, by its name; -1 for nothing.
     glass : (h, w, 4) or (0, 0, 4) float32
         Light (3) and density of see-through layers, where there are any.
+    top : int
+        Row of the picture that the first row is: a canvas may be a strip of it.
     """
 
     depth: NDArray[np.float64]
     index: NDArray[np.int32]
     glass: NDArray[np.float32]
+    top: int
 
 
 @kernel
@@ -178,6 +176,7 @@ def _orthographic_ball(i, balls, lens, row0, row1, out):
         if row == center_row and boxes[i, 2] <= center_col <= boxes[i, 3]:
             # A ball between pixel centers still covers the pixel that it lies in.
             col0, col1 = min(col0, center_col), max(col1, center_col)
+        line = row - out.top
         for col in range(col0, col1 + 1):
             dx = (col + 0.5 - x) * unit
             q = chord - dx * dx
@@ -185,12 +184,12 @@ def _orthographic_ball(i, balls, lens, row0, row1, out):
                 if row != center_row or col != center_col:
                     continue
                 q = 0.0
-            gap = key - out_depth[row, col]
+            gap = key - out_depth[line, col]
             if gap < 0 or q > gap * gap:
                 depth = key - math.sqrt(q)
-                if depth < out_depth[row, col]:
-                    out_depth[row, col] = depth
-                    out_index[row, col] = i
+                if depth < out_depth[line, col]:
+                    out_depth[line, col] = depth
+                    out_index[line, col] = i
 
 
 @kernel
@@ -211,7 +210,7 @@ def _perspective_ball(i, balls, lens, row0, row1, out):
     for row in range(row0, row1 + 1):
         v = (lens.row - row - 0.5) * unit
         a = y - z * v
-        rest = a * a
+        rest, line = a * a, row - out.top
         for col in range(boxes[i, 2], boxes[i, 3] + 1):
             u = (col + 0.5 - lens.column) * unit
             b = z * u - x
@@ -224,7 +223,7 @@ def _perspective_ball(i, balls, lens, row0, row1, out):
                 q = 0.0
             along = u * x + v * y + z
             if whole:  # most pixels are hidden: know it without a root and a division
-                gap = sign * along - out_depth[row, col] * dd
+                gap = sign * along - out_depth[line, col] * dd
                 if gap >= 0 and q <= gap * gap:
                     continue
             root = math.sqrt(q)
@@ -233,9 +232,9 @@ def _perspective_ball(i, balls, lens, row0, row1, out):
                 t = (along + root) / dd
                 if t < near:
                     continue
-            if sign * t < out_depth[row, col]:
-                out_depth[row, col] = sign * t
-                out_index[row, col] = i
+            if sign * t < out_depth[line, col]:
+                out_depth[line, col] = sign * t
+                out_index[line, col] = i
 
 
 @kernel
@@ -316,7 +315,7 @@ def draw_triangles(items, triangles, lens, begin, end, mesh, out):
                 dx1 * (row + 0.5 - oy1),
                 dx2 * (row + 0.5 - oy2),
             )
-            entered = False
+            entered, line = False, row - out.top
             for col in range(col0, col1 + 1):
                 e0 = s0 - dy0 * (col + 0.5 - ox0)
                 e1 = s1 - dy1 * (col + 0.5 - ox1)
@@ -328,12 +327,12 @@ def draw_triangles(items, triangles, lens, begin, end, mesh, out):
                 entered = True
                 w = min(max((e0 * wa + e1 * wb + e2 * wc) / area, low), high)
                 depth = lens.sign / w if lens.focal > 0 else lens.sign * w
-                if depth < out_depth[row, col]:
+                if depth < out_depth[line, col]:
                     if glass:
-                        add_layer(row, col, depth, names[i], lens, mesh, out.glass)
+                        add_layer(row, col, depth, names[i], lens, mesh, out)
                     else:
-                        out_depth[row, col] = depth
-                        out_index[row, col] = names[i]
+                        out_depth[line, col] = depth
+                        out_index[line, col] = names[i]
 
 
 @kernel
@@ -349,65 +348,109 @@ def hit_point(row, col, depth, lens):
 
 
 @kernel
-def weights(px, py, pz, a, b, c):
-    """Return the barycentric coordinates of p in the triangle a, b, c, clipped to it."""
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    wx, wy, wz = px - a[0], py - a[1], pz - a[2]
-    uu, uv, vv = (
-        ux * ux + uy * uy + uz * uz,
-        ux * vx + uy * vy + uz * vz,
-        vx * vx + vy * vy + vz * vz,
-    )
-    wu, wv = wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz
-    det = uu * vv - uv * uv
-    if not det > 0:
-        return 1.0, 0.0, 0.0
-    s = min(max((vv * wu - uv * wv) / det, 0.0), 1.0)
-    t = min(max((uu * wv - uv * wu) / det, 0.0), 1.0 - s)
-    return 1.0 - s - t, s, t
-
-
-@kernel
 def facing(nx, ny, nz, px, py, pz, perspective):
     """Return the unit normal turned to the viewer, and the cosine of its angle to the viewer."""
     vx, vy, vz = 0.0, 0.0, -1.0
     if perspective:
-        far = math.sqrt(px * px + py * py + pz * pz)
-        vx, vy, vz = -px / far, -py / far, -pz / far
-    length = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if not length > 0:
+        far = 1.0 / math.sqrt(px * px + py * py + pz * pz)
+        vx, vy, vz = -px * far, -py * far, -pz * far
+    square = nx * nx + ny * ny + nz * nz
+    if not square > 0:
         return vx, vy, vz, 1.0
-    cosine = (nx * vx + ny * vy + nz * vz) / length
+    share = 1.0 / math.sqrt(square)
+    cosine = (nx * vx + ny * vy + nz * vz) * share
     if cosine < 0:
-        length, cosine = -length, -cosine
-    return nx / length, ny / length, nz / length, cosine
+        share, cosine = -share, -cosine
+    return nx * share, ny * share, nz * share, cosine
+
+
+THIN = 0.02
+"""Pixels: a face that is lower looks the same everywhere, as float32 cannot tell its corners."""
+
+
+@kernel
+def _cross(x0, y0, z0, x1, y1, z1):
+    return y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
+
+
+@kernel
+def _span(x0, y0, z0, x1, y1, z1):
+    return (x1 - x0) ** 2 + (y1 - y0) ** 2 + (z1 - z0) ** 2
+
+
+@kernel
+def fill_planes(begin, end, points, faces, normals, colors, lens, out):
+    """Fill `Mesh.planes` of faces from normals and colors (m, 3, 3) at their corners.
+
+    Corner weights are linear in q: rows of the inverse of the matrix that has the corners' own q as
+    columns. That holds for corners behind the eye, too.
+    """
+    perspective = lens.focal > 0
+    pixels = lens.focal if perspective else lens.scale
+    for f in range(begin, end):
+        i, j, k = faces[f, 0], faces[f, 1], faces[f, 2]
+        ax, ay, az = points[i, 0], points[i, 1], 1.0
+        bx, by, bz = points[j, 0], points[j, 1], 1.0
+        cx, cy, cz = points[k, 0], points[k, 1], 1.0
+        mx, my, mz, far = 0.0, 0.0, 1.0, 1.0
+        if perspective:
+            az, bz, cz = points[i, 2], points[j, 2], points[k, 2]
+            mx, my, mz = (ax + bx + cx) / 3.0, (ay + by + cy) / 3.0, (az + bz + cz) / 3.0
+            far = max(
+                _span(0.0, 0.0, 0.0, ax, ay, az),
+                _span(0.0, 0.0, 0.0, bx, by, bz),
+                _span(0.0, 0.0, 0.0, cx, cy, cz),
+            )
+        side = max(
+            _span(ax, ay, az, bx, by, bz),
+            _span(bx, by, bz, cx, cy, cz),
+            _span(cx, cy, cz, ax, ay, az),
+        )
+        x0, y0, z0 = _cross(bx, by, bz, cx, cy, cz)
+        x1, y1, z1 = _cross(cx, cy, cz, ax, ay, az)
+        x2, y2, z2 = _cross(ax, ay, az, bx, by, bz)
+        det = ax * x0 + ay * y0 + az * z0
+        share = 1.0 / det if det != 0.0 else 0.0
+        if not abs(det) * pixels > THIN * math.sqrt(side) * far:
+            square = mx * mx + my * my + mz * mz
+            share = 1.0 / (3.0 * square) if square > 0.0 else 0.0
+            x0, y0, z0 = mx, my, mz
+            x1, y1, z1 = mx, my, mz
+            x2, y2, z2 = mx, my, mz
+        for k in range(6):
+            one, two, three = 0.0, 0.0, 0.0
+            if k < 3:
+                one, two, three = normals[f, 0, k], normals[f, 1, k], normals[f, 2, k]
+            else:
+                one, two, three = colors[f, 0, k - 3], colors[f, 1, k - 3], colors[f, 2, k - 3]
+            out[f, 0, k] = (one * x0 + two * x1 + three * x2) * share
+            out[f, 1, k] = (one * y0 + two * y1 + three * y2) * share
+            out[f, 2, k] = (one * z0 + two * z1 + three * z2) * share
 
 
 @kernel
 def triangle_hit(face, px, py, pz, perspective, mesh):
-    """Return facing normal, cosine and base color where the point p lies in a triangle."""
-    points, normals, colors = mesh.points, mesh.normals, mesh.colors
-    a, b, c = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2]
-    s, t, u = weights(px, py, pz, points[a], points[b], points[c])
-    n, k = normals[face], colors[face]
+    """Return facing normal, cosine and base color where a face is seen at the point p."""
+    g = mesh.planes
+    x, y = np.float32(px), np.float32(py)
+    z = np.float32(pz) if perspective else np.float32(1.0)
     nx, ny, nz, cosine = facing(
-        s * n[0, 0] + t * n[1, 0] + u * n[2, 0],
-        s * n[0, 1] + t * n[1, 1] + u * n[2, 1],
-        s * n[0, 2] + t * n[1, 2] + u * n[2, 2],
+        float(g[face, 0, 0] * x + g[face, 1, 0] * y + g[face, 2, 0] * z),
+        float(g[face, 0, 1] * x + g[face, 1, 1] * y + g[face, 2, 1] * z),
+        float(g[face, 0, 2] * x + g[face, 1, 2] * y + g[face, 2, 2] * z),
         px,
         py,
         pz,
         perspective,
     )
-    red = s * k[0, 0] + t * k[1, 0] + u * k[2, 0]
-    green = s * k[0, 1] + t * k[1, 1] + u * k[2, 1]
-    blue = s * k[0, 2] + t * k[1, 2] + u * k[2, 2]
-    return nx, ny, nz, cosine, red, green, blue
+    red = float(g[face, 0, 3] * x + g[face, 1, 3] * y + g[face, 2, 3] * z)
+    green = float(g[face, 0, 4] * x + g[face, 1, 4] * y + g[face, 2, 4] * z)
+    blue = float(g[face, 0, 5] * x + g[face, 1, 5] * y + g[face, 2, 5] * z)
+    return nx, ny, nz, cosine, max(red, 0.0), max(green, 0.0), max(blue, 0.0)
 
 
 @kernel
-def add_layer(row, col, depth, face, lens, mesh, out_glass):
+def add_layer(row, col, depth, face, lens, mesh, out):
     """Add one see-through layer: light passes as exp(-density), more density at silhouettes.
 
     Densities add up, so the order of the layers does not matter. Lighting is a gentle headlight.
@@ -417,10 +460,11 @@ def add_layer(row, col, depth, face, lens, mesh, out_glass):
     rim = 1.0 - cosine
     density = mesh.density[face] * (1.0 + 9.0 * rim * rim * rim)
     light = density * (0.45 + 0.45 * cosine + 0.1 * ny)
-    out_glass[row, col, 0] += light * red
-    out_glass[row, col, 1] += light * green
-    out_glass[row, col, 2] += light * blue
-    out_glass[row, col, 3] += density
+    glass, line = out.glass, row - out.top
+    glass[line, col, 0] += light * red
+    glass[line, col, 1] += light * green
+    glass[line, col, 2] += light * blue
+    glass[line, col, 3] += density
 
 
 @kernel
@@ -499,25 +543,23 @@ def pick_normals(begin, end, faces, flat, normals, cosine, out_corners):
 def obscurance(row, col, depth, reach, scale):
     """Return 0..1: how far the eight neighbours at `reach` pixels stand in front of this pixel."""
     height, width = depth.shape
-    here = depth[row, col]
-    total = 0.0
-    for dr in range(-1, 2):
-        for dc in range(-1, 2):
-            r, c = row + dr * reach, col + dc * reach
+    here, share, total = depth[row, col], 1.0 / scale, 0.0
+    for down in range(-1, 2):
+        for right in range(-1, 2):
+            r, c = row + down * reach, col + right * reach
             if 0 <= r < height and 0 <= c < width:
-                before = here - depth[r, c]
-                if before >= scale:
-                    total += 1.0
-                elif before > 0.0:
-                    total += min(before / scale, 1.0)
+                # As likely as not: a branch would be guessed wrongly at every other one.
+                total += min(max(here - depth[r, c], 0.0) * share, 1.0)
     return total / 8.0
 
 
 @kernel
 def _half_way(lamps, k, vx, vy, vz):
-    """Return the direction half-way between a lamp and the viewer, and its length."""
+    """Return the direction half-way between a lamp and the viewer; 0 where they are opposite."""
     hx, hy, hz = lamps[k, 0] + vx, lamps[k, 1] + vy, lamps[k, 2] + vz
-    return hx, hy, hz, math.sqrt(hx * hx + hy * hy + hz * hz)
+    length = math.sqrt(hx * hx + hy * hy + hz * hz)
+    share = 1.0 / length if length > 0 else 0.0
+    return hx * share, hy * share, hz * share
 
 
 @kernel
@@ -537,80 +579,91 @@ def phong(nx, ny, nz, px, py, pz, perspective, light, halves):
     for k in range(len(lamps)):
         lx, ly, lz = lamps[k, 0], lamps[k, 1], lamps[k, 2]
         diffuse += light.diffuse * lamps[k, 3] * max(nx * lx + ny * ly + nz * lz, 0.0)
-        hx, hy, hz, length = halves[k, 0], halves[k, 1], halves[k, 2], halves[k, 3]
+        hx, hy, hz = halves[k, 0], halves[k, 1], halves[k, 2]
         if perspective:
-            hx, hy, hz, length = _half_way(lamps, k, vx, vy, vz)
-        if length > 0:
-            s = max((nx * hx + ny * hy + nz * hz) / length, 0.0)
-            s *= s
-            s *= s
-            s *= s
-            s *= s
-            specular += light.specular * lamps[k, 3] * s * s
+            hx, hy, hz = _half_way(lamps, k, vx, vy, vz)
+        s = max(nx * hx + ny * hy + nz * hz, 0.0)
+        s *= s
+        s *= s
+        s *= s
+        s *= s
+        specular += light.specular * lamps[k, 3] * s * s
     return diffuse, specular
+
+
+@kernel
+def _lit(r, c, i, n, canvas, lens, balls, mesh, light, halves):
+    """Return the light that what lies at a place of the canvas sends, in linear light."""
+    count, perspective = len(balls.radii), lens.focal > 0
+    px, py, pz = hit_point(r + canvas.top, c, canvas.depth[r, c], lens)
+    if i < count:
+        nx, ny, nz, _ = ball_normal(i, px, py, pz, perspective, balls)
+        x, y, z = balls.colors[i, 0], balls.colors[i, 1], balls.colors[i, 2]
+    else:
+        nx, ny, nz, _, x, y, z = triangle_hit(i - count, px, py, pz, perspective, mesh)
+    part, shine = phong(nx, ny, nz, px, py, pz, perspective, light, halves)
+    part *= 1.0 - light.shadow * obscurance(r, c, canvas.depth, 2 * n, light.shadow_depth)
+    return x * part + shine, y * part + shine, z * part + shine
 
 
 @kernel
 def shade(canvas, lens, balls, mesh, light, begin, end, out):
     """Write the picture rows begin..end (uint8): shade n x n samples a pixel, average, encode.
 
-    n is how much larger the canvas is. With a fourth channel in `out` the background is left out
-    and the channel says how much of the pixel is covered.
+    n is how much larger the canvas is, which has their rows and 2 n more above and below. With a
+    fourth channel in `out` the background is left out and the channel says how much of the pixel is
+    covered.
     """
-    depth, index, glass, curve = canvas.depth, canvas.index, canvas.glass, light.curve
-    count, colors, perspective = len(balls.radii), balls.colors, lens.focal > 0
-    n = depth.shape[1] // out.shape[1]
-    see_through = len(glass) > 0
-    top = len(curve) - 1
-    transparent = out.shape[2] == 4
-    halves = np.empty((len(light.lamps), 4))
+    index, glass, curve = canvas.index, canvas.glass, light.curve
+    n = index.shape[1] // out.shape[1]
+    see_through, transparent, top = len(glass) > 0, out.shape[2] == 4, len(curve) - 1
+    halves = np.empty((len(light.lamps), 3))
     for k in range(len(halves)):
-        halves[k, 0], halves[k, 1], halves[k, 2], halves[k, 3] = _half_way(
-            light.lamps, k, 0.0, 0.0, -1.0
-        )
+        halves[k, 0], halves[k, 1], halves[k, 2] = _half_way(light.lamps, k, 0.0, 0.0, -1.0)
     for row in range(begin, end):
         for col in range(out.shape[1]):
-            red = green = blue = cover = x0 = y0 = z0 = 0.0
-            first = index[row * n, col * n]
-            inside = True  # one triangle or ball covers the pixel: its light is computed once
-            for sub in range(1, n * n):
-                inside &= index[row * n + sub // n, col * n + sub % n] == first
-            if inside and first < 0 and not see_through and transparent:
-                out[row, col, :3], out[row, col, 3] = curve[0], 0
+            red = green = blue = cover = x0 = y0 = z0 = x1 = y1 = z1 = 0.0
+            row0, col0 = row * n - canvas.top, col * n
+            first, other = index[row0, col0], -1
+            empty = first < 0 and not see_through and transparent
+            for r in range(row0, row0 + n if empty else row0):
+                for c in range(col0, col0 + n):
+                    empty &= index[r, c] < 0
+            if empty:
+                for channel in range(3):
+                    out[row, col, channel] = curve[0]
+                out[row, col, 3] = 0
                 continue
-            for sub in range(n * n):
-                r, c = row * n + sub // n, col * n + sub % n
-                i = index[r, c]
-                if i >= 0 and (sub == 0 or not inside):
-                    px, py, pz = hit_point(r, c, depth[r, c], lens)
-                    if i < count:
-                        nx, ny, nz, _ = ball_normal(i, px, py, pz, perspective, balls)
-                        x0, y0, z0 = colors[i, 0], colors[i, 1], colors[i, 2]
-                    else:
-                        nx, ny, nz, _, x0, y0, z0 = triangle_hit(
-                            i - count, px, py, pz, perspective, mesh
-                        )
-                    part, shine = phong(nx, ny, nz, px, py, pz, perspective, light, halves)
-                    part *= 1.0 - light.shadow * obscurance(r, c, depth, 2 * n, light.shadow_depth)
-                    x0, y0, z0 = x0 * part + shine, y0 * part + shine, z0 * part + shine
-                x = y = z = solid = 0.0
-                if i >= 0:
-                    x, y, z, solid = x0, y0, z0, 1.0
-                if see_through and glass[r, c, 3] > 0:
-                    passing = math.exp(-glass[r, c, 3])
-                    veil = (1.0 - passing) / glass[r, c, 3]
-                    x = x * passing + veil * glass[r, c, 0]
-                    y = y * passing + veil * glass[r, c, 1]
-                    z = z * passing + veil * glass[r, c, 2]
-                    solid = 1.0 - (1.0 - solid) * passing
-                cover += solid
-                if not transparent:
-                    behind = (1.0 - solid) * light.background
-                    x, y, z = x + behind, y + behind, z + behind
-                # Not min: NaN, from sizes beyond the range of products, must not index the table.
-                red += x if x < 1.0 else 1.0
-                green += y if y < 1.0 else 1.0
-                blue += z if z < 1.0 else 1.0
+            # Of each triangle or ball in the pixel one sample is lit: most have two, and few three.
+            for r in range(row0, row0 + n):
+                for c in range(col0, col0 + n):
+                    i = index[r, c]
+                    if i >= 0 and i != other and (i != first or (r == row0 and c == col0)):
+                        x1, y1, z1 = _lit(r, c, i, n, canvas, lens, balls, mesh, light, halves)
+                        if i == first:
+                            x0, y0, z0 = x1, y1, z1
+                        else:
+                            other = i
+                    x = y = z = solid = 0.0
+                    if i >= 0:
+                        x, y, z, solid = x1, y1, z1, 1.0
+                        if i == first:
+                            x, y, z = x0, y0, z0
+                    if see_through and glass[r, c, 3] > 0:
+                        passing = math.exp(-glass[r, c, 3])
+                        veil = (1.0 - passing) / glass[r, c, 3]
+                        x = x * passing + veil * glass[r, c, 0]
+                        y = y * passing + veil * glass[r, c, 1]
+                        z = z * passing + veil * glass[r, c, 2]
+                        solid = 1.0 - (1.0 - solid) * passing
+                    cover += solid
+                    if not transparent:
+                        behind = (1.0 - solid) * light.background
+                        x, y, z = x + behind, y + behind, z + behind
+                    # Not min: NaN, from sizes beyond the range of products, is no place of a table.
+                    red += x if x < 1.0 else 1.0
+                    green += y if y < 1.0 else 1.0
+                    blue += z if z < 1.0 else 1.0
             share = top / (n * n)
             if transparent:
                 share = top / max(cover, 1e-6)

@@ -11,10 +11,8 @@ import hashlib
 import os
 import stat
 import sys
-import tempfile
 from contextlib import suppress
 from functools import lru_cache
-from importlib.metadata import version
 from pathlib import Path
 
 from medialis.base.disk import steps_to
@@ -41,6 +39,8 @@ def user_cache() -> Path:
     try:
         home = Path.home()
     except RuntimeError:  # no HOME and no entry of the user, as in a container
+        import tempfile
+
         return Path(tempfile.gettempdir()) / f"medialis-{getattr(os, 'getuid', int)()}"
     usual = {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")
     return home / usual / "medialis"
@@ -49,6 +49,8 @@ def user_cache() -> Path:
 @lru_cache(maxsize=1)
 def kernel_cache() -> Path:
     """Return the folder of the compiled kernels for the sources and the numba in use."""
+    from importlib.metadata import version
+
     digest = hashlib.sha256()
     for source in kernel_sources():
         digest.update(source.relative_to(PACKAGE).as_posix().encode())

@@ -10,7 +10,12 @@ from typing import Any
 
 def package_version() -> str:
     """Return the installed version; "unknown" when the sources are used without installing."""
-    # Half of what `import medialis` took, in which Ctrl-C is not one line yet.
+    for folder in map(Path, sys.path):
+        # As importlib.metadata does it, which takes 40 ms to be loaded and to read one line.
+        for found in folder.glob("medialis-*.dist-info/METADATA"):
+            for line in found.read_text("utf-8").splitlines():
+                if line.startswith("Version: "):
+                    return line.removeprefix("Version: ")
     from importlib.metadata import PackageNotFoundError, version
 
     try:

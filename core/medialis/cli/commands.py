@@ -17,12 +17,10 @@ import signal
 import sys
 import threading
 import time
-import webbrowser
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -165,6 +163,8 @@ def run_view(options: argparse.Namespace) -> int:
         write_viewer(output, results, _title(source, results))
     say(f"{output} ({output.stat().st_size / 1e6:.1f} MB): open it in a browser.")
     if options.open:
+        import webbrowser
+
         webbrowser.open(output.resolve().as_uri())
     return 0
 
@@ -755,6 +755,8 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def _meshlab_install(options: argparse.Namespace) -> int:
+    from importlib.metadata import entry_points
+
     found = entry_points(group="medialis.commands", name="meshlab-install")
     if not found:
         raise FileError(

@@ -11,7 +11,6 @@ from __future__ import annotations
 import errno
 import os
 import re
-import secrets
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -141,7 +140,7 @@ def complete_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         if target.is_dir():
             raise IsADirectoryError(errno.EISDIR, "it is a folder; name a file inside it")
         with folder_of(target) as (folder, name):
-            hidden = f".{name}-{secrets.token_hex(4)}"
+            hidden = f".{name}-{os.urandom(4).hex()}"
             try:
                 with folder.new(hidden) as stream:
                     yield stream

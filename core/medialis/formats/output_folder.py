@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import secrets
 import stat
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -291,7 +290,7 @@ class OutputFolder:
             if apart or not os.access(beside.path, os.W_OK | os.X_OK):
                 beside = inside
         place.remove_left()
-        while not self._hide(beside, f".{place.name}-{secrets.token_hex(4)}"):
+        while not self._hide(beside, f".{place.name}-{os.urandom(4).hex()}"):
             pass
 
     def _hide(self, beside: Folder, name: str) -> bool:

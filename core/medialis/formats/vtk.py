@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -86,6 +85,8 @@ class _File:
 
     def add(self, given: Mapping[str, NDArray[Any]]) -> list[str]:
         """Store arrays behind the text, and return the elements that name them."""
+        from xml.sax.saxutils import quoteattr  # which loads half of the network
+
         elements = []
         for name, values in given.items():
             start = sum(8 + array.nbytes for array in self._arrays)
@@ -104,6 +105,8 @@ class _File:
 
     def values(self) -> list[str]:
         """Return the elements of the attributes."""
+        from xml.sax.saxutils import quoteattr
+
         given = self._at_points
         one = self._show in given and given[self._show].ndim == 1
         first = f" Scalars={quoteattr(str(self._show))}" if one else ""

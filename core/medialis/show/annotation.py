@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,8 +40,8 @@ class _Tables:
 
 @lru_cache(maxsize=1)
 def _tables() -> _Tables:
-    with (resources.files("medialis.show") / "font.npz").open("rb") as stream:
-        data = dict(np.load(stream))
+    with np.load(Path(__file__).with_name("font.npz")) as tables:
+        data = dict(tables)
     place = {chr(code): number for number, code in enumerate(data.pop("codes").tolist())}
     return _Tables(place, baseline=int(data.pop("baseline")), **data)
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import math
 from functools import lru_cache
-from importlib import resources
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,8 +70,7 @@ def color_table(name: str) -> FloatArray:
 @lru_cache(maxsize=1)
 def _stored() -> dict[str, FloatArray]:
     """Return the tables of ``colors.npz``, which ``docs/make_color_maps.py`` derives in CIELAB."""
-    data = (resources.files("medialis.show") / "colors.npz").read_bytes()
-    with np.load(io.BytesIO(data)) as tables:
+    with np.load(Path(__file__).with_name("colors.npz")) as tables:
         return dict(tables)
 
 

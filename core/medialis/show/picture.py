@@ -50,7 +50,6 @@ from medialis.show.colors import (
     value_range,
 )
 from medialis.show.marks import draw_scale, scale_height, seen, write_texts
-from medialis.show.medial_points import MEDIAL, medial_pieces
 from medialis.show.png import encode_png
 from medialis.show.raster import BallLayer, MeshLayer, Style, as_radii, render_layers
 
@@ -711,6 +710,8 @@ def _cloud_items(
     result: Outcome, layer: Layer, rows: NDArray[np.intp], colors: dict[str, Any], width: int
 ) -> list[Item]:
     """Return medial points as sheets, those of curves as balls, other points as dots."""
+    from medialis.show.medial_points import MEDIAL, medial_pieces  # only where there are any
+
     points = layer.points[rows]
     if not layer.attributes.keys() >= MEDIAL:
         # Smaller dots for more points, so that sheets look like sheets and not like gravel.

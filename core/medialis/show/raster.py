@@ -8,7 +8,7 @@ shading with two lamps and a headlight, anti-aliasing and see-through surfaces.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -34,7 +34,7 @@ from medialis.show.camera import MAX_PIXELS, Camera
 from medialis.show.colors import to_linear, to_srgb
 
 if TYPE_CHECKING:
-    from medialis.base._splat_kernels import Balls, Canvas, Lens, Mesh, Triangles
+    from medialis.base._splat_kernels import Balls, Canvas, Lens, Light, Mesh, Triangles
 
 
 def lens_of(camera: Camera) -> Lens:
@@ -180,13 +180,17 @@ BAND = 32
 BALLS_A_STEP, PIXELS_A_STEP, TRIANGLES_A_STEP = 1 << 16, 1 << 23, 1 << 14
 """Drawn by one kernel call at most: some 30 ms."""
 
+Drawing = Callable[[int, int, "Canvas"], Iterator[None]]
+"""Draws what lies in rows begin..end into a canvas, in steps."""
 
-def blank_canvas(height: int, width: int) -> Canvas:
-    """Return a canvas of so many pixels, without glass."""
+
+def blank_canvas(height: int, width: int, glass: bool = False) -> Canvas:
+    """Return a canvas of so many pixels, all empty; `glass`: for see-through layers as well."""
     from medialis.base._splat_kernels import Canvas
 
     depth = np.full((height, width), np.inf)
-    return Canvas(depth, np.full(depth.shape, -1, np.int32), np.zeros((0, 0, 4), np.float32))
+    shape = (height, width, 4) if glass else (0, 0, 4)
+    return Canvas(depth, np.full(depth.shape, -1, np.int32), np.zeros(shape, np.float32), 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,13 +215,17 @@ class Buffers:
 
 
 def _bands(
-    first_row: NDArray[Any], last_row: NDArray[Any], height: int
+    first_row: NDArray[Any], last_row: NDArray[Any], height: int, band: int, beyond: int
 ) -> tuple[NDArray[np.int64], IntArray]:
-    """Return, as compressed rows, the primitives that touch each band, ascending."""
+    """Return, as compressed rows, the primitives that touch each band, ascending.
+
+    A band has `band` rows, and so many `beyond` it, which its neighbours have as well.
+    """
     from medialis.base._splat_kernels import fill_bins
 
-    bands = -(-height // BAND)
-    first, last = first_row // BAND, last_row // BAND
+    bands = -(-height // band)
+    first = np.maximum(first_row - beyond, 0) // band
+    last = np.minimum(last_row + beyond, height - 1) // band
     outside = last_row < first_row
     first, last = np.where(outside, 1, first), np.where(outside, 0, last)
     change = np.bincount(first[~outside], minlength=bands + 1)[: bands + 1]
@@ -229,20 +237,22 @@ def _bands(
     return offsets, items
 
 
-def draw_balls(balls: Balls, lens: Lens, canvas: Canvas, progress: Progress | None = None) -> None:
-    """Draw balls into depth and index."""
+def balls_drawing(
+    balls: Balls, lens: Lens, height: int, band: int = BAND, beyond: int = 0
+) -> Drawing:
+    """Return what draws balls, band by band, into depth and index."""
     from medialis.base._splat_kernels import splat_balls
 
-    height = len(canvas.depth)
-    offsets, items = _bands(balls.boxes[:, 0], balls.boxes[:, 1], height)
+    offsets, items = _bands(balls.boxes[:, 0], balls.boxes[:, 1], height, band, beyond)
 
-    def band(begin: int, end: int) -> Iterator[None]:
-        listed = items[offsets[begin // BAND] : offsets[begin // BAND + 1]]
-        for part in _steps(listed, balls.boxes, begin, end):
-            splat_balls(part, balls, lens, begin, end, canvas)
+    def draw(begin: int, end: int, canvas: Canvas) -> Iterator[None]:
+        low, high = max(begin - beyond, 0), min(end + beyond, height)
+        listed = items[offsets[begin // band] : offsets[begin // band + 1]]
+        for part in _steps(listed, balls.boxes, low, high):
+            splat_balls(part, balls, lens, low, high, canvas)
             yield
 
-    run_chunks(band, height, BAND, progress=progress)
+    return draw
 
 
 def _steps(listed: IntArray, boxes: IntArray, begin: int, end: int) -> Iterator[IntArray]:
@@ -256,26 +266,35 @@ def _steps(listed: IntArray, boxes: IntArray, begin: int, end: int) -> Iterator[
         yield from np.split(balls, cuts)
 
 
-def draw_mesh(
-    triangles: Triangles, lens: Lens, mesh: Mesh, canvas: Canvas, progress: Progress | None = None
-) -> None:
-    """Draw triangles into depth and index; on a canvas with glass, see-through layers into it."""
+def mesh_drawing(
+    triangles: Triangles,
+    lens: Lens,
+    mesh: Mesh,
+    size: tuple[int, int],
+    band: int = BAND,
+    beyond: int = 0,
+) -> Drawing:
+    """Return what draws triangles, band by band: opaque ones, or on a canvas with glass layers.
+
+    `size` are the rows and columns of the picture.
+    """
     from medialis.base._splat_kernels import draw_triangles, triangle_rows
 
-    height, width = canvas.depth.shape
+    height, width = size
     count = len(triangles.corners)
     first, last = np.empty(count, np.int32), np.empty(count, np.int32)
     triangle_rows(triangles.screen, triangles.corners, height, width, first, last)
-    offsets, items = _bands(first, last, height)
+    offsets, items = _bands(first, last, height, band, beyond)
 
-    def band(begin: int, end: int) -> Iterator[None]:
-        listed = items[offsets[begin // BAND] : offsets[begin // BAND + 1]]
+    def draw(begin: int, end: int, canvas: Canvas) -> Iterator[None]:
+        low, high = max(begin - beyond, 0), min(end + beyond, height)
+        listed = items[offsets[begin // band] : offsets[begin // band + 1]]
         for place in range(0, len(listed), TRIANGLES_A_STEP):
             part = listed[place : place + TRIANGLES_A_STEP]
-            draw_triangles(part, triangles, lens, begin, end, mesh, canvas)
+            draw_triangles(part, triangles, lens, low, high, mesh, canvas)
             yield
 
-    run_chunks(band, height, BAND, progress=progress)
+    return draw
 
 
 def as_radii(radii: ArrayLike, count: int) -> FloatArray:
@@ -335,22 +354,29 @@ def rasterize(
     >>> round(float(seen.depth.min()), 2), int(seen.mask.sum()) == 812
     (4.0, True)
     """
-    steps = Progress.of(progress)
-    lens, canvas, count = lens_of(camera), blank_canvas(camera.height, camera.width), 0
+    steps, size = Progress.of(progress), (camera.height, camera.width)
+    lens, canvas, count = lens_of(camera), blank_canvas(*size), 0
+
+    def onto(drawing: Drawing) -> None:
+        def band(begin: int, end: int) -> Iterator[None]:
+            yield from drawing(begin, end, canvas)
+
+        run_chunks(band, camera.height, BAND, progress=steps)
+
     if centers is not None:
         data = as_points(centers, "centers")
         sizes = as_radii(0.0 if radii is None else radii, len(data))
         count = len(data)
         with steps.stage("balls", 0.0, 0.5):
             balls = run_patiently(lambda: see_balls(camera, data, sizes), steps)
-            draw_balls(balls, lens, canvas, steps)
+            onto(balls_drawing(balls, lens, camera.height))
     if points is not None:
         corners = as_points(points)
         triangles = as_faces(np.zeros((0, 3)) if faces is None else faces, len(corners))
         view = camera.to_view(corners)
         with steps.stage("triangles", 0.5, 0.9):
             seen = run_patiently(lambda: see_triangles(camera, view, triangles, count), steps)
-            draw_mesh(seen, lens, mesh_of([], camera), canvas, steps)
+            onto(mesh_drawing(seen, lens, mesh_of([], [], lens), size))
     return Buffers(canvas.depth, canvas.index)
 
 
@@ -485,24 +511,24 @@ def _balls_of(layers: list[BallLayer], camera: Camera, supersampling: int) -> Ba
     return see_balls(camera, centers, radii, smallest, colors)
 
 
-def mesh_of(layers: list[MeshLayer], camera: Camera) -> Mesh:
-    """Join mesh layers in view space, as the kernels read them."""
-    from medialis.base._splat_kernels import Mesh
+def mesh_of(layers: list[MeshLayer], views: list[FloatArray], lens: Lens) -> Mesh:
+    """Join mesh layers, whose points are given in view space, as the kernels read them."""
+    from medialis.base._splat_kernels import Mesh, fill_planes
 
-    views = [camera.to_view(layer.points) for layer in layers]
-    rows, corners = np.zeros((0, 3)), np.zeros((0, 3, 3), np.float32)
-    firsts = np.cumsum([0, *(len(view) for view in views)])
-    faces = [layer.faces + first for layer, first in zip(layers, firsts, strict=False)]
-    shading = [(view, one.faces, one.smooth) for view, one in zip(views, layers, strict=True)]
-    opacity = np.array([min(layer.opacity, 0.999) for layer in layers])
-    density = np.repeat(-np.log1p(-opacity), [len(layer.faces) for layer in layers])
-    return Mesh(
-        np.concatenate([rows, *views]),
-        frozen(np.concatenate([rows, *faces]), np.int32),
-        np.concatenate([corners, *(corner_normals(*one) for one in shading)]),
-        np.concatenate([corners, *(layer.colors.astype(np.float32) for layer in layers)]),
-        density.astype(np.float32),
-    )
+    count = sum(len(layer.faces) for layer in layers)
+    planes, density = np.empty((count, 3, 6), np.float32), np.empty(count, np.float32)
+    end = 0
+    for layer, view in zip(layers, views, strict=True):
+        start, end = end, end + len(layer.faces)
+        normals = corner_normals(view, layer.faces, layer.smooth)
+        colors = np.ascontiguousarray(layer.colors, np.float32)
+        faces = frozen(layer.faces, np.int32)
+        part = planes[start:end]
+        for begin in range(0, len(layer.faces), FACES_A_CHUNK):
+            stop = min(begin + FACES_A_CHUNK, len(layer.faces))
+            fill_planes(begin, stop, view, faces, normals, colors, lens, part)
+        density[start:end] = -math.log1p(-min(layer.opacity, 0.999))
+    return Mesh(planes, density)
 
 
 def _within_range(
@@ -524,6 +550,22 @@ def _within_range(
     )
 
 
+def _light(style: Style, camera: Camera) -> Light:
+    """Return a style as the kernels read it."""
+    from medialis.base._splat_kernels import Light
+
+    return Light(
+        _LAMPS,
+        float(style.ambient),
+        float(style.diffuse),
+        float(style.specular),
+        float(style.shadow),
+        float(SHADOW_DEPTH * camera.extent),
+        0.0 if style.background is None else float(to_linear(style.background)),
+        _encoding(),
+    )
+
+
 def render_layers(
     balls: list[BallLayer],
     meshes: list[MeshLayer],
@@ -542,7 +584,7 @@ def render_layers(
     InvalidOptionError
         When the picture times the supersampling is larger than 16384 pixels.
     """
-    from medialis.base._splat_kernels import Light, shade
+    from medialis.base._splat_kernels import shade
 
     balls, meshes, camera = _within_range(balls, meshes, camera)
     n = style.supersampling
@@ -556,44 +598,57 @@ def render_layers(
     veils = [layer for layer in meshes if 0 < layer.opacity < 1]
     steps = Progress.of(progress)
 
+    lens = lens_of(fine)
+
     def see(layers: list[MeshLayer], base: int) -> tuple[Triangles, Mesh]:
-        mesh = run_patiently(lambda: mesh_of(layers, fine), steps)
-        found = run_patiently(lambda: see_triangles(fine, mesh.points, mesh.faces, base), steps)
-        return found, mesh
+        views = [fine.to_view(layer.points) for layer in layers]
+        firsts = np.cumsum([0, *map(len, views)])
+        faces = [layer.faces + first for layer, first in zip(layers, firsts, strict=False)]
+        every = frozen(np.concatenate([np.zeros((0, 3)), *faces]), np.int32)
+        points = np.concatenate([np.zeros((0, 3)), *views])
+        return see_triangles(fine, points, every, base), mesh_of(layers, views, lens)
 
     seen = run_patiently(lambda: _balls_of(balls, fine, n), steps)
-    faces, solid = see(opaques, len(seen.radii))
-    layers, veil = see(veils, 0)
+    faces, solid = run_patiently(lambda: see(opaques, len(seen.radii)), steps)
+    layers, veil = run_patiently(lambda: see(veils, 0), steps)
     rows, columns = _window(seen, (faces, layers), fine, n)
     seen, faces, layers = _moved(seen, faces, layers, rows.start, columns.start)
-    lens = lens_of(fine)
     lens = lens._replace(column=lens.column - columns.start, row=lens.row - rows.start)
-    canvas = blank_canvas(rows.stop - rows.start, columns.stop - columns.start)
-    with steps.stage("balls", 0.0, 0.5):
-        draw_balls(seen, lens, canvas, steps)
-    with steps.stage("triangles", 0.5, 0.7):
-        draw_mesh(faces, lens, solid, canvas, steps)
-    if len(layers.corners):
-        canvas = canvas._replace(glass=np.zeros((*canvas.depth.shape, 4), np.float32))
-        with steps.stage("see-through", 0.7, 0.9):
-            draw_mesh(layers, lens, veil, canvas, steps)
-    light = Light(
-        _LAMPS,
-        float(style.ambient),
-        float(style.diffuse),
-        float(style.specular),
-        float(style.shadow),
-        float(SHADOW_DEPTH * camera.extent),
-        0.0 if style.background is None else float(to_linear(style.background)),
-        _encoding(),
-    )
+    # A strip at a time: a canvas of the whole picture would be 100 MB that nobody reads again.
+    size = rows.stop - rows.start, columns.stop - columns.start
     channels = 3 + (style.background is None)
-    part = np.empty((len(canvas.depth) // n, canvas.depth.shape[1] // n, channels), np.uint8)
+    part = np.empty((size[0] // n, size[1] // n, channels), np.uint8)
+    light = _light(style, camera)
+    beyond, has_veils = 2 * n, len(layers.corners) > 0
+    blanks: list[Canvas] = []
 
-    def band(begin: int, end: int) -> None:
+    def drawings() -> tuple[Drawing, Drawing, Drawing]:
+        bands = n * BAND, beyond
+        return (
+            balls_drawing(seen, lens, size[0], *bands),
+            mesh_drawing(faces, lens, solid, size, *bands),
+            mesh_drawing(layers, lens, veil, size, *bands),
+        )
+
+    *opaque, veils_of = run_patiently(drawings, steps)
+    no_glass = np.zeros((0, 0, 4), np.float32)
+
+    def band(begin: int, end: int) -> Iterator[None]:
+        """Draw a strip of the picture, and light it while it is near the processor."""
+        strip = blanks.pop() if blanks else blank_canvas(n * BAND + 2 * beyond, size[1], has_veils)
+        strip.depth.fill(np.inf)
+        strip.index.fill(-1)
+        strip.glass.fill(0.0)
+        canvas = strip._replace(top=n * begin - beyond, glass=no_glass)
+        for drawing in opaque:
+            yield from drawing(n * begin, n * end, canvas)
+        if has_veils:
+            canvas = canvas._replace(glass=strip.glass)
+            yield from veils_of(n * begin, n * end, canvas)
         shade(canvas, lens, seen, solid, light, begin, end, part)
+        blanks.append(strip)
 
-    with steps.stage("light", 0.9, 1.0):
+    with steps.stage("draw", 0.0, 1.0):
         run_chunks(band, len(part), BAND, progress=steps)
     ground = np.empty((1, 1, channels), np.uint8)
     shade(blank_canvas(n, n), lens, seen, solid, light, 0, 1, ground)

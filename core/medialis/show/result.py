@@ -6,7 +6,6 @@ They show in a browser, a notebook and a page; `read_result` reads what `write_r
 from __future__ import annotations
 
 import functools
-import html
 import json
 import logging
 import os
@@ -140,6 +139,8 @@ class Result(results.Result):
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: a small picture beside the values."""
+        import html
+
         from medialis.show.picture import picture_html
 
         lines = [*value_lines(self.values, self.shape.unit), *map(str, self.messages)]

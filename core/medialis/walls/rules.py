@@ -12,7 +12,6 @@ uniform wall thickness"; the same numbers in the design guidelines of Xcentric M
 from __future__ import annotations
 
 import math
-import tomllib
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -103,6 +102,8 @@ def read_rules(path: str | Path) -> dict[str, Rules]:
         When it is no TOML, or a table, a name or a number is none of those that rules have.
     """
     try:
+        import tomllib
+
         tables = tomllib.loads(file_bytes(str(path)).decode("utf-8"))
     except ValueError as error:  # what is not UTF-8 as well
         raise InvalidOptionError(f"{path} is no file of rules (TOML): {error}.") from error
