@@ -76,6 +76,9 @@ PINNED = 1e6
 ROUNDS = 3
 """Times that a line is laid in the middle, each from where it lies."""
 
+AT_ONCE = 64
+"""Places of a line that are laid in the middle together."""
+
 FEWEST = 6
 """Balls that a parabola is fitted to; where there are fewer, a mean is taken."""
 
@@ -175,15 +178,21 @@ def _links(cloud: MedialCloud) -> Index:
     rows = rows[np.argsort(-cloud.radii[rows], kind="stable")]
     octave = np.floor(np.log2(cloud.radii[rows]))
     cells = np.floor(cloud.centers[rows] / (CELL * 2.0**octave)[:, None])
-    keys = np.column_stack([octave, cells])
-    wide = rows[np.sort(np.unique(keys, axis=0, return_index=True)[1])]
+    # The first of each cell is the largest: sorting keeps the order of equal ones.
+    keys = np.column_stack([octave, cells]).T
+    order = np.lexsort(keys)
+    first = np.ones(len(rows), np.bool_)
+    first[1:] = (np.diff(keys[:, order], axis=1) != 0).any(axis=0)
+    wide = rows[np.sort(order[first])]
     if len(wide) < 2:
         return edges
     away, near = kd_tree(cloud.centers[wide]).query(cloud.centers[wide], min(NEAR, len(wide)))
     one, other = np.repeat(wide, near.shape[1]), wide[near.ravel()]
     inside = away.ravel() < np.maximum(cloud.radii[one], cloud.radii[other])
     more = np.stack([one, other], axis=1)[inside & (one != other)]
-    return np.unique(np.sort(np.concatenate([edges, more]), axis=1), axis=0)
+    pairs = np.concatenate([edges, more])
+    keys = np.unique(pairs.min(axis=1) * len(cloud) + pairs.max(axis=1))
+    return np.stack([keys // len(cloud), keys % len(cloud)], axis=1)
 
 
 def resampled(points: FloatArray, step: float, most: int = MOST_STEPS) -> FloatArray:
@@ -226,10 +235,10 @@ def centered(
         path = resampled(path, typical / STEPS_A_RADIUS)
         tangents = _smooth_tangents(path, typical)
         moved = path.copy()
-        for place in range(int(fixed[0]), len(path) - int(fixed[1])):
-            moved[place] = _fitted(cloud, rows, tree, path[place], tangents[place])
-            if place % 64 == 0:
-                progress.update((number + place / len(path)) / ROUNDS)
+        for begin in range(int(fixed[0]), len(path) - int(fixed[1]), AT_ONCE):
+            some = slice(begin, min(begin + AT_ONCE, len(path) - int(fixed[1])))
+            moved[some] = _fitted(cloud, rows, tree, path[some], tangents[some])
+            progress.update((number + begin / len(path)) / ROUNDS)
         path = _smoothed(moved, fixed, cloud, tree, rows)
     return path
 
@@ -269,43 +278,59 @@ def _smooth_tangents(path: FloatArray, radius: float) -> FloatArray:
 
 
 def _fitted(
-    cloud: MedialCloud, rows: Index, tree: Any, place: FloatArray, tangent: FloatArray
+    cloud: MedialCloud, rows: Index, tree: Any, places: FloatArray, tangents: FloatArray
 ) -> FloatArray:
-    """Return where the parabola along the tangent that fits wide balls best passes a place."""
-    nearest = rows[tree.query(place)[1]]
-    radius = cloud.radii[nearest]
-    found = rows[tree.query_ball_point(place, WINDOW * radius)]
-    if len(found) == 0:
-        return cloud.centers[nearest]
-    offsets, radii = cloud.centers[found] - place, cloud.radii[found]
-    along = offsets @ tangent / radius
-    aside = np.linalg.norm(offsets - radius * along[:, None] * tangent, axis=1) / radius
+    """Return where the parabolas along tangents that fit wide balls best pass places, (k, 3).
+
+    All places at once: what belongs to a place are `owner` rows of flat arrays, and for the fits
+    rows of a table (k, b), with zeros where a place has fewer balls.
+    """
+    nearest = rows[tree.query(places)[1]]
+    radius, count = cloud.radii[nearest], len(places)
+    lists = tree.query_ball_point(places, WINDOW * radius, return_sorted=False)
+    sizes = np.array([len(found) for found in lists])
+    result = np.where((sizes == 0)[:, None], cloud.centers[nearest], places)
+    found = rows[np.concatenate([np.asarray(found, np.int64) for found in lists])]
+    owner = np.repeat(np.arange(count), sizes)
+    offsets, radii = cloud.centers[found] - places[owner], cloud.radii[found]
+    along = np.einsum("ij,ij->i", offsets, tangents[owner]) / radius[owner]
+    across = offsets - (radius[owner] * along)[:, None] * tangents[owner]
+    aside = np.linalg.norm(across, axis=1) / radius[owner]
     near = (np.abs(along) < WINDOW) & (aside < ASIDE)
     # Of a sheet the widest ridge counts; a ball is compared with those beside it.
     beside = near & (np.abs(along) < 0.5)
-    largest = radii[beside].max(initial=0.0)
-    near &= radii >= WIDE * largest
+    largest = np.zeros(count)
+    np.maximum.at(largest, owner[beside], radii[beside])
+    near &= radii >= WIDE * largest[owner]
     if not near.any():
-        return place
-    weights = (1.0 - (along[near] / WINDOW) ** 2) * (1.0 - (aside[near] / ASIDE) ** 2)
-    weights *= np.maximum(cloud.surface.point_areas[cloud.source[found[near]]], 1e-300)
-    root = np.sqrt(weights / weights.max())[:, None]
-    powers = along[near, None] ** np.arange(3 if near.sum() >= FEWEST else 1)
+        return result
+    found, owner, along, aside = found[near], owner[near], along[near], aside[near]
+    weights = (1.0 - (along / WINDOW) ** 2) * (1.0 - (aside / ASIDE) ** 2)
+    weights *= np.maximum(cloud.surface.point_areas[cloud.source[found]], 1e-300)
+    most, sizes = np.zeros(count), np.bincount(owner, minlength=count)
+    np.maximum.at(most, owner, weights)
+    root = np.sqrt(weights / most[owner])[:, None]
+    powers = along[:, None] ** np.arange(3)
+    powers[sizes[owner] < FEWEST, 1:] = 0.0
     # A ball that touches noise is too small, so it lies towards where it touches: as much on all
     # sides, of which a bend has more outside. That much is found, and taken away.
-    touching = cloud.surface.points[cloud.source[found[near]]] - cloud.centers[found[near]]
-    towards = root * touching / radii[near, None]
-    wanted = root * offsets[near]
-    solve = np.linalg.pinv(root * powers, rcond=1e-6)
-    across = towards - root * powers @ (solve @ towards)
-    left = wanted - root * powers @ (solve @ wanted)
-    known = float((across * across).sum())
-    share = float((across * left).sum()) / known if known > 0.0 else 0.0
-    fit = (solve @ (wanted - share * towards))[0]
-    fit = fit - (fit @ tangent) * tangent  # it moves across the line alone
-    if np.linalg.norm(fit) > radius:
-        return place
-    return place + fit
+    touching = cloud.surface.points[cloud.source[found]] - cloud.centers[found]
+    column = np.arange(len(owner)) - (np.cumsum(sizes) - sizes)[owner]
+    table = np.zeros((count, sizes.max(), 9))
+    flat = root * np.column_stack([powers, touching / radii[near, None], offsets[near]])
+    table[owner, column] = flat
+    system, towards, wanted = table[..., :3], table[..., 3:6], table[..., 6:]
+    solve = np.linalg.pinv(system, rcond=1e-6)
+    over = towards - system @ (solve @ towards)
+    left = wanted - system @ (solve @ wanted)
+    known = (over * over).sum(axis=(1, 2))
+    share = (over * left).sum(axis=(1, 2)) / np.where(known > 0.0, known, np.inf)
+    fit = (solve @ (wanted - share[:, None, None] * towards))[:, 0]
+    # It moves across the line alone.
+    fit -= np.einsum("ij,ij->i", fit, tangents)[:, None] * tangents
+    moves = (sizes > 0) & (np.linalg.norm(fit, axis=1) <= radius)
+    result[moves] += fit[moves]
+    return result
 
 
 @dataclass(frozen=True, eq=False, repr=False)

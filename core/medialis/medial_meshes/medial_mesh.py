@@ -131,6 +131,9 @@ with them and .49 without, elk 124 .45 and .40, two seeds); with 30 a bug needs 
 LAST, STALE, GAIN = 6, 2, 0.99
 """How often the last fit is made, and how often without lowering the error below this share."""
 
+STILL = 1e-3
+"""Share of the error by which a last fit changes it that stands still: further ones do, too."""
+
 WORST = 600  # halved 43 %, doubled 43 %
 """Places beside the samples that join the fit in the end, where the error is large there."""
 
@@ -338,7 +341,10 @@ class Search:
                 now = self._look(Fit(needed, self._all, DAMPING, self._still))
                 return needed if now.error <= best.error else best.mesh
             grown = self._grown(self._fitted(needed, self._early, "round"), 1)
-            best = min(best, self._last(grown.mesh), key=lambda one: one.error)
+            found = self._last(grown.mesh)
+            if found.error >= best.error:
+                break  # the same once more
+            best = found
         return best.mesh
 
     def _closely(self) -> Complex:
@@ -390,10 +396,11 @@ class Search:
         for k in range(max(1, min(LAST, LAST * MANY // self.balls))):
             start = self._mended(now.mesh)
             fit = Fit(start, now.target, DAMPING, self._still, now.watched)
+            before = now.error
             now = self._look(fit.run(PLANS["last" if k else "close"]), follower)
             since = 0 if now.error < GAIN * best.error else since + 1
             best = min(best, now, key=lambda one: one.error)
-            if since == STALE:
+            if since == STALE or (k and abs(now.error - before) < STILL * before):
                 break
         return best
 

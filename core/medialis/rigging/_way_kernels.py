@@ -185,6 +185,33 @@ def enter(ways, cell, bone, cost, length):
 
 
 @kernel
+def _neighbours(strides):
+    """Return steps to the 26 neighbours of a cell, how far on they are in rows, and how long."""
+    steps, offsets, lengths = np.empty((26, 3), np.int64), np.empty(26, np.int64), np.empty(26)
+    count = 0
+    for code in range(27):
+        if code == 13:  # the cell itself
+            continue
+        offsets[count], squared = 0, 0
+        for axis, step in enumerate((code // 9 - 1, code // 3 % 3 - 1, code % 3 - 1)):
+            steps[count, axis] = step
+            offsets[count] += step * strides[axis]
+            squared += step * step
+        lengths[count] = math.sqrt(squared)
+        count += 1
+    return steps, offsets, lengths
+
+
+@kernel
+def _on_grid(at, step, size):
+    """Tell whether a step from a cell leads to another cell of the grid."""
+    inside = True
+    for axis in range(3):
+        inside = inside and 0 <= at[axis] + step[axis] < size[axis]
+    return inside
+
+
+@kernel
 def nearest_bones(grid, fares, ways, seeds, keys, names):
     """Search the cheapest bones of the wanted cells, and of all that lie nearer.
 
@@ -206,11 +233,13 @@ def nearest_bones(grid, fares, ways, seeds, keys, names):
     """
     width = ways.bones.shape[1]
     strides = np.array([grid.size[1] * grid.size[2], grid.size[2], 1], np.int64)
-    step = np.zeros(3, np.int64)
+    steps, offsets, lengths = _neighbours(strides)
     at = np.zeros(3, np.int64)
     size, left = 0, 0
     for cell in range(len(grid.wanted)):
         left += grid.wanted[cell]
+    # The costliest bone of each cell: what costs as much is turned away without a look at the rest.
+    most = np.full(len(grid.wanted), math.inf)
     for row in range(len(seeds)):
         cell = int(seeds[row, 0])
         column = enter(ways, cell, int(seeds[row, 1]), seeds[row, 2], seeds[row, 2])
@@ -218,6 +247,7 @@ def nearest_bones(grid, fares, ways, seeds, keys, names):
             if size == len(keys):
                 return 1
             size = push(keys, names, size, seeds[row, 2], cell * width + column)
+            most[cell] = ways.costs[cell].max()
     limit = math.inf
     while size > 0:
         size = pop(keys, names, size)
@@ -241,29 +271,33 @@ def nearest_bones(grid, fares, ways, seeds, keys, names):
             cell // strides[1] % grid.size[1],
             cell % strides[1],
         )
-        for code in range(27):
-            step[0], step[1], step[2] = code // 9 - 1, code // 3 % 3 - 1, code % 3 - 1
-            squared = step[0] * step[0] + step[1] * step[1] + step[2] * step[2]
-            valid = squared > 0
-            for axis in range(3):
-                there = at[axis] + step[axis]
-                valid = valid and 0 <= there < grid.size[axis]
-            if not valid:
+        within = True
+        for axis in range(3):
+            within = within and 0 < at[axis] < grid.size[axis] - 1
+        inside, clear = grid.inside[cell], grid.clear[cell]
+        for code in range(26):
+            if not within and not _on_grid(at, steps[code], grid.size):
                 continue
-            other = cell + step[0] * strides[0] + step[1] * strides[1] + step[2] * strides[2]
+            other = cell + offsets[code]
             if not grid.passed[other]:
                 continue
-            way = math.sqrt(squared)
-            if not (grid.inside[cell] and grid.inside[other]):
+            way = lengths[code]
+            if not (inside and grid.inside[other]):
                 way *= fares.outside
             further = cost + way
-            if not grid.clear[cell] and not _is_open(grid.parted, cell, step, strides):
+            if further >= most[other]:
+                continue
+            if not clear and not _is_open(grid.parted, cell, steps[code], strides):
                 further += fares.fee
             kept = enter(ways, other, bone, further, length + way)
             if kept >= 0:
                 if size == len(keys):
                     return 1
                 size = push(keys, names, size, further, other * width + kept)
+                worst = 0.0
+                for k in range(width):
+                    worst = max(worst, ways.costs[other, k])
+                most[other] = worst
     return 0
 
 

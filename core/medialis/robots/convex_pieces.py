@@ -1,5 +1,7 @@
 """Convex decomposition: few convex pieces that hold a solid and leave its holes open.
 
+A closed shape whose hull sticks out by no more than the error is one piece. Of others:
+
 1. The surface is cut into small triangles. Each belongs to the cone or slab of a medial mesh that
    it lies at, and has a foot in it: the hull of the triangles of a slab, and of their feet, holds
    both sides of a wall. One that sticks out by more than the error is halved, again and again.
@@ -30,7 +32,7 @@ from medialis.base.validation import FloatArray, IntArray, Positions
 from medialis.medial_meshes.distances import pieces_of
 from medialis.medial_meshes.envelope import Envelope
 from medialis.medial_meshes.medial_mesh import MedialMeshOptions, medial_mesh
-from medialis.medial_meshes.mesh import MedialMesh
+from medialis.medial_meshes.mesh import Complex
 from medialis.medial_meshes.sampling import Solid, without_holes
 from medialis.shape.shape import Shape
 
@@ -60,6 +62,9 @@ and it alone has to keep to a smaller error."""
 LOOSER = 1.4
 """Times the error of before, where there are too many pieces."""
 
+LAYER = 2.0
+"""Times the surface and the error: a hull with more besides the solid sticks out farther."""
+
 GRID, ON_HULL = 1.0 / 64, 0.04
 """Diagonals: steps of the grid outside, and sides of parts of hulls, at which is measured at last
 how far they stick out."""
@@ -67,7 +72,7 @@ how far they stick out."""
 IN_UNION = 50_000
 """Places at which the volume of all pieces together is estimated."""
 
-ROUNDING, PLANES_AT_ONCE = 1e-9, 16
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -163,19 +168,45 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
     >>> 1 < len(found) < 10, found.pieces_to_surface < 0.05 * medialis.organic_shape(56).diagonal
     (True, True)
     """
+    one = _as_one(shape, options.error)
+    if one is not None:
+        return one
     with progress.stage("medial mesh", 0.0, 0.4):
         given = MedialMeshOptions(balls=BALLS, quality="fast", denoise="off")
         mesh = medial_mesh.of(shape, given, progress.still)
-    assert shape.faces is not None
-    middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
-    points, faces, _ = without_holes((shape.points - middle) / scale, shape.faces)
-    solid = Solid(points, faces)
+    solid, middle, scale = _solid(shape)
     with progress.stage("groups", 0.4, 0.5):
-        cut = _Cut.of(solid, mesh, middle, scale, options.error, progress)
+        cut = _Cut.of(solid, options.error)
+        cut.group(mesh.complex.placed(1.0, -middle).placed(1.0 / scale, np.zeros(3)), progress)
     with progress.stage("pieces", 0.5, 0.9):
         hulls = _few(cut, options, progress)
     with progress.stage("measure", 0.9, 1.0):
         return _measured(cut, hulls, middle, scale)
+
+
+def _solid(shape: Shape) -> tuple[Solid, FloatArray, float]:
+    """Return the solid at diagonal 1, small holes closed, and the middle and size of the shape."""
+    assert shape.faces is not None
+    middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
+    points, faces, _ = without_holes((shape.points - middle) / scale, shape.faces)
+    return Solid(points, faces), middle, scale
+
+
+def _as_one(shape: Shape, error: float) -> ConvexPieces | None:
+    """Return the hull of a closed shape where that sticks out by no more than the error."""
+    if shape.faces is None or shape.diagonal == 0.0:
+        return None
+    solid, middle, scale = _solid(shape)
+    volume = enclosed_volume(solid.points, solid.faces)
+    if not solid.whole or volume < error**3:
+        return None
+    hull = Hull.of(thinned(solid.points, THINNED**2 * error))
+    if hull.volume > volume + LAYER * error * solid.surface.area:
+        return None
+    cut = _Cut.of(solid, error)
+    if len(hull.rows(cut.shell(error))) or len(cut.beyond(hull, error)):
+        return None
+    return _measured(cut, [hull], middle, scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,12 +259,19 @@ class Hull:
 
     def rows(self, places: FloatArray, slack: float = 0.0) -> Index:
         """Return the rows of places (q, 3) that lie in it, or outside by no more than `slack`."""
-        low, high = self.bounds
-        rows = np.flatnonzero(((places >= low - slack) & (places <= high + slack)).all(axis=1))
-        for begin in range(0, len(self.planes), PLANES_AT_ONCE):
-            planes = self.planes[begin : begin + PLANES_AT_ONCE]
-            rows = rows[(places[rows] @ planes[:, :3].T + planes[:, 3] <= slack).all(axis=1)]
-        return rows
+        from medialis.robots._hull_kernels import list_within
+
+        rows = np.empty(len(places), np.int64)
+        given = np.ascontiguousarray(places), self._outward, self._box, slack, rows
+        return rows[: list_within(*given)]
+
+    @cached_property
+    def _box(self) -> FloatArray:
+        return np.stack(self.bounds)
+
+    @cached_property
+    def _outward(self) -> FloatArray:
+        return np.array(self.planes)
 
 
 WAYS = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))[:13]
@@ -289,7 +327,8 @@ class _Group:
 class _Cut:
     """A solid of diagonal 1 whose surface is cut into small triangles.
 
-    `corners` (t, 4, 3) has the triangles, each with its foot; `middles` (t, 3), `normals` (t, 3).
+    `corners` (t, 4, 3) has the triangles, each with its foot, which is its middle before
+    `group`; `middles` (t, 3), `normals` (t, 3).
     """
 
     solid: Solid
@@ -301,43 +340,38 @@ class _Cut:
     neighbours: list[set[int]]
 
     @classmethod
-    def of(
-        cls,
-        solid: Solid,
-        mesh: MedialMesh,
-        middle: FloatArray,
-        scale: float,
-        error: float,
-        progress: Progress,
-    ) -> _Cut:
-        """Cut the surface, and take groups whose hulls stick out by no more than the error."""
+    def of(cls, solid: Solid, error: float) -> _Cut:
+        """Cut the surface; the feet of triangles are their middles, and there are no groups."""
         side = min(SIDE, FINER * error**0.5)
         triangles = pieces_of(solid.points[solid.faces[solid.walls]], side)
         middles = triangles.mean(axis=1)
         sides = triangles[:, 1:] - triangles[:, :1]
         normals = np.cross(sides[:, 0], sides[:, 1])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-        envelope = Envelope.of(mesh.complex.placed(1.0, -middle).placed(1.0 / scale, np.zeros(3)))
-        _, primitive, shares = envelope.distances(middles)
+        corners = np.concatenate([triangles, middles[:, None]], axis=1)
+        return cls(solid, error, corners, middles, normals, [], [])
+
+    def group(self, mesh: Complex, progress: Progress) -> None:
+        """Take feet, and groups whose hulls stick out by no more than the error."""
+        envelope = Envelope.of(mesh)
+        _, primitive, shares = envelope.distances(self.middles)
         balls = envelope.balls[np.maximum(envelope.rows[primitive], 0), :3]
         feet = np.einsum("qk,qkd->qd", shares, balls)
-        outside = ~solid.contains(feet)
-        feet[outside] = (middles - THINNED * error * normals)[outside]
-        corners = np.concatenate([triangles, feet[:, None]], axis=1)
-        found = cls(solid, error, corners, middles, normals, [], [])
+        outside = ~self.solid.contains(feet)
+        feet[outside] = (self.middles - THINNED * self.error * self.normals)[outside]
+        self.corners[:, 3] = feet
         order = np.argsort(primitive, kind="stable")
         starts = np.flatnonzero(np.diff(primitive[order], prepend=-1))
-        waiting = [_Group(found, rows) for rows in np.split(order, starts[1:])]
-        shell = found.shell(error)
+        waiting = [_Group(self, rows) for rows in np.split(order, starts[1:])]
+        shell = self.shell(self.error)
         while waiting:
             group = waiting.pop()
-            if group.depth < HALVINGS and group.halves and found.too_far(group, shell):
+            if group.depth < HALVINGS and group.halves and self.too_far(group, shell):
                 waiting += group.halves
                 continue
-            found.groups.append(_Group(found, group.rows, len(found.groups)))
-            progress.update(len(found.groups) / (len(found.groups) + len(waiting)))
-        found.neighbours = _neighbours(found)
-        return found
+            self.groups.append(_Group(self, group.rows, len(self.groups)))
+            progress.update(len(self.groups) / (len(self.groups) + len(waiting)))
+        self.neighbours = _neighbours(self)
 
     def shell(self, error: float) -> FloatArray:
         """Return places that lie outside, about as far away as hulls may stick out."""

@@ -1,0 +1,158 @@
+"""Kernel of cross-sections: the closed outline round a place in which a plane cuts triangles."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base._kernels import find_root, join
+from medialis.base.jit import kernel
+
+
+class Mesh(NamedTuple):
+    """What is cut.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+    faces : (m, 3) int32
+    edge_of : (3m,) int32
+        The edge of each half-edge.
+    edges : int
+        How many there are.
+    """
+
+    points: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    edge_of: NDArray[np.int32]
+    edges: int
+
+
+@kernel
+def _cross(mesh, place, frame, low, high, heights):
+    """Place in the plane, by its frame, where the edge from one vertex to another meets it."""
+    share = heights[low] / (heights[low] - heights[high])
+    x, y = 0.0, 0.0
+    for k in range(3):
+        start = mesh.points[low, k] - place[k]
+        there = start + share * (mesh.points[high, k] - mesh.points[low, k])
+        x += there * frame[0, k]
+        y += there * frame[1, k]
+    return x, y
+
+
+@kernel
+def _cut(mesh, place, frame, heights, number, crossings, segments):
+    """Cut triangles; return how many crossings and segments there are.
+
+    Each cut triangle is entered where an edge leads down, and left where one leads up: `segments`
+    (m, 2) are the crossings there, `crossings` (c, 2) their places, `number` (e,) the crossing of
+    each edge, -1 before.
+    """
+    count = cut = 0
+    for f in range(len(mesh.faces)):
+        here0 = heights[mesh.faces[f, 0]] > 0.0
+        here1 = heights[mesh.faces[f, 1]] > 0.0
+        here2 = heights[mesh.faces[f, 2]] > 0.0
+        if here0 == here1 and here1 == here2:
+            continue
+        for k in range(3):
+            a, b = mesh.faces[f, k], mesh.faces[f, (k + 1) % 3]
+            above = heights[a] > 0.0
+            if above == (heights[b] > 0.0):
+                continue
+            edge = mesh.edge_of[3 * f + k]
+            if number[edge] < 0:
+                number[edge] = count
+                x, y = _cross(mesh, place, frame, min(a, b), max(a, b), heights)
+                crossings[count, 0], crossings[count, 1] = x, y
+                count += 1
+            segments[cut, 0 if above else 1] = number[edge]
+        cut += 1
+    return count, cut
+
+
+@kernel
+def _innermost(crossings, segments, parent, state, once):
+    """Return the root of the closed outline round the origin that is nearest to it; -1: none.
+
+    `state` (c, 3) receives, for the root of each outline, how far it turns, whether it is open
+    (above 0), and how near it comes.
+    """
+    for c in range(len(crossings)):
+        parent[c] = c
+        state[c, 0], state[c, 1], state[c, 2] = 0.0, 0.0, math.inf
+    for s in range(len(segments)):
+        state[segments[s, 0], 1] += 1.0
+        state[segments[s, 1], 1] += 1.0
+        join(parent, segments[s, 0], segments[s, 1])
+    for c in range(len(crossings)):
+        odd = 1.0 if state[c, 1] != 2.0 else 0.0
+        root = find_root(parent, c)  # the lowest of its outline: it comes first
+        state[c, 1] = odd
+        state[root, 1] = max(state[root, 1], odd)
+    for s in range(len(segments)):
+        a, b = segments[s, 0], segments[s, 1]
+        ax, ay, bx, by = crossings[a, 0], crossings[a, 1], crossings[b, 0], crossings[b, 1]
+        root = find_root(parent, a)
+        state[root, 0] += math.atan2(ax * by - ay * bx, ax * bx + ay * by)
+        state[root, 2] = min(state[root, 2], ax * ax + ay * ay)
+    best, near = -1, math.inf
+    for c in range(len(crossings)):
+        goes_round = parent[c] == c and abs(state[c, 0]) / (2.0 * math.pi) > once
+        if goes_round and state[c, 1] == 0.0 and state[c, 2] < near:
+            best, near = c, state[c, 2]
+    return best
+
+
+@kernel
+def measure_outlines(begin, end, mesh, places, frames, once, ways, out_measures):
+    """Measure the outlines round places.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    places : (k, 3) float64
+    frames : (k, 3, 3) float64
+        Two directions in the plane, and its normal.
+    once : float
+        An outline that winds more often than this round a place goes round it.
+    ways : (d, 2) float64
+        Directions in the plane in which widths are measured.
+    out_measures : (k, 3) float64
+        Area, least and largest width; as it was where no closed outline goes round.
+    """
+    heights, number = np.empty(len(mesh.points)), np.full(mesh.edges, -1, np.int32)
+    crossings = np.empty((mesh.edges, 2))
+    segments = np.empty((len(mesh.faces), 2), np.int32)
+    parent, state = np.empty(mesh.edges, np.int32), np.empty((mesh.edges, 3))
+    for i in range(begin, end):
+        place, frame = places[i], frames[i]
+        for v in range(len(heights)):
+            heights[v] = 0.0
+            for k in range(3):
+                heights[v] += (mesh.points[v, k] - place[k]) * frame[2, k]
+        count, cut = _cut(mesh, place, frame, heights, number, crossings, segments)
+        number[:] = -1
+        root = _innermost(crossings[:count], segments[:cut], parent, state, once)
+        if root < 0:
+            continue
+        area, own = 0.0, 0
+        for s in range(cut):
+            a, b = segments[s, 0], segments[s, 1]
+            if find_root(parent, a) == root:
+                area += crossings[a, 0] * crossings[b, 1] - crossings[a, 1] * crossings[b, 0]
+                segments[own, 0] = a
+                own += 1
+        least, most = math.inf, 0.0
+        for w in range(len(ways)):
+            low, high = math.inf, -math.inf
+            for s in range(own):
+                a = segments[s, 0]
+                along = crossings[a, 0] * ways[w, 0] + crossings[a, 1] * ways[w, 1]
+                low, high = min(low, along), max(high, along)
+            least, most = min(least, high - low), max(most, high - low)
+        out_measures[i, 0], out_measures[i, 1], out_measures[i, 2] = abs(area) / 2.0, least, most
