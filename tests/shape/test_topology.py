@@ -105,3 +105,46 @@ def test_what_is_known_of_the_faces_is_found_once_for_examination_repair_and_sha
     other = Surface(given.points, given.faces[::-1]).adopt(shape.topology)
     assert other.topology is not shape.topology
     assert Surface(given.points * 2, given.faces).adopt(shape.topology).topology is shape.topology
+
+
+def test_a_solid_has_two_agreeing_faces_at_each_edge_and_one_ring_round_each_vertex():
+    faces = np.asarray(medialis.organic_shape(56).faces)
+    n = int(faces.max()) + 1
+    assert Topology(faces, n).is_solid and Topology(faces, n + 5).is_solid  # with unused points
+    beside = np.concatenate([faces, faces + n])
+    assert Topology(beside, 2 * n).is_solid and Topology(beside, 2 * n).part_count == 2
+    for name, other in {
+        "a border": faces[1:],
+        "a face turned over": np.concatenate([faces[:1, [0, 2, 1]], faces[1:]]),
+        "a shared vertex": np.where(beside == n, 0, beside),
+        "an edge of four faces": np.concatenate([faces, [faces[0], faces[0, [0, 2, 1]]]]),
+        "a vertex named twice": np.concatenate([faces, [[0, 0, 0]]]),
+    }.items():
+        assert not Topology(other.astype(np.int32), 2 * n).is_solid, name
+
+
+@pytest.mark.parametrize("share", [1, 2])
+def test_what_is_kept_of_a_turned_surface_is_what_it_would_be_found_to_be(share):
+    shape = medialis.organic_shape(56)
+    faces = np.concatenate([shape.faces, shape.faces + shape.point_count])
+    points = np.concatenate([shape.points, shape.points + 9.0])
+    turned = np.arange(len(faces)) < len(faces) / share
+    known = Surface(points, faces)
+    known.measure_faces()
+    assert known.topology.is_solid and len(known.topology.face_pieces)
+    fresh = Surface(points, np.where(turned[:, None], faces[:, [0, 2, 1]], faces))
+    kept = Surface(points, fresh.faces)
+    kept.adopt_turned(known, turned)
+    for name in ("face_vectors", "face_areas", "face_normals", "flat_faces"):
+        assert getattr(kept, name).tobytes() == getattr(fresh, name).tobytes(), name
+    for name in ("edges", "edge_twins", "used_points", "components", "face_pieces", "is_solid"):
+        assert np.array_equal(getattr(kept.topology, name), getattr(fresh.topology, name)), name
+
+
+def test_many_and_few_points_at_one_place_have_the_first_of_them():
+    random = np.random.default_rng(0)
+    places = random.normal(size=(500, 3))
+    rows = random.integers(0, 500, 5000) * (random.random(5000) < 0.7)
+    first = Surface(places[rows]).first_equal_point
+    seen: dict[int, int] = {}
+    assert first.tolist() == [seen.setdefault(row, i) for i, row in enumerate(rows.tolist())]

@@ -214,6 +214,17 @@ def add_corners(points, faces, pieces, out_sums, out_counts):
 
 
 @kernel
+def add_ends(points, ends, edges, pieces, out_sums, out_counts):
+    """Sum of the ends of edges of each piece, lower ones first, (c, 3), and their count, (c,)."""
+    for end in range(2):
+        for k in range(len(edges)):
+            p, v = pieces[k], ends[edges[k], end]
+            out_counts[p] += 1
+            for axis in range(3):
+                out_sums[p, axis] += points[v, axis]
+
+
+@kernel
 def measure_tetrahedra(points, faces, vectors, apex, out_volumes):
     """Signed volume of the tetrahedron of each face with an apex (3,), (m,)."""
     for f in range(len(faces)):

@@ -52,7 +52,7 @@ class Fans(NamedTuple):
 @kernel
 def _unit_of(points, faces, f):
     """Compute the unit normal of a face, zero without an area: it takes as long to read one."""
-    a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+    a, b, c = np.uint32(faces[f, 0]), np.uint32(faces[f, 1]), np.uint32(faces[f, 2])
     x, y, z = points[a, 0], points[a, 1], points[a, 2]
     ux, uy, uz = points[b, 0] - x, points[b, 1] - y, points[b, 2] - z
     vx, vy, vz = points[c, 0] - x, points[c, 1] - y, points[c, 2] - z
@@ -67,7 +67,8 @@ def _gather_ring(vertex, mesh, out_ring, out_ends):
 
     `out_ring` has the normal of the face of each corner, the spoke to the vertex after it, and what
     its angle has as tangent; `out_ends` the vertices after and before the corner. They have all of
-    up to `MOST_CORNERS`. Angles come after the places of all: those are waited for once.
+    up to `MOST_CORNERS`. Angles come after the places of all: those are waited for once. Rows are
+    unsigned: others might be counted from the end, which is looked at each time.
     """
     points, faces, ring = mesh.points, mesh.faces, out_ring
     nx, ny, nz = 0.0, 0.0, 0.0
@@ -75,9 +76,9 @@ def _gather_ring(vertex, mesh, out_ring, out_ends):
     for begin in range(mesh.offsets[vertex], mesh.offsets[vertex + 1], MOST_CORNERS):
         count = min(mesh.offsets[vertex + 1] - begin, MOST_CORNERS)
         for k in range(count):
-            f = mesh.corners[begin + k] // 3
-            j = mesh.corners[begin + k] - 3 * f
-            after, before = faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+            f = np.uint32(mesh.corners[begin + k] // 3)
+            j = np.uint32(mesh.corners[begin + k] % 3)
+            after, before = np.uint32(faces[f, (j + 1) % 3]), np.uint32(faces[f, (j + 2) % 3])
             ux, uy, uz = points[after, 0] - x, points[after, 1] - y, points[after, 2] - z
             vx, vy, vz = points[before, 0] - x, points[before, 1] - y, points[before, 2] - z
             cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx

@@ -357,17 +357,19 @@ def measure_widths(mesh, regions, borders, around, offsets, order, out_wide):
 @kernel
 def _find_one_way(regions, borders, out_one_way, out_rounded):
     """Tell the regions that are rounded one way at most, as in extruded outlines, (r,)."""
-    spread = np.zeros((len(regions.area), 9))
+    spread = np.zeros((len(regions.area), 3, 3))
     for k in range(len(borders.one)):
         r, u = borders.one[k], borders.along[k]
         out_rounded[r] += borders.length[k]
         for i in range(3):
-            for j in range(3):
-                spread[r, 3 * i + j] += borders.length[k] * (u[i] * u[j])
+            for j in range(i, 3):
+                spread[r, i, j] += borders.length[k] * (u[i] * u[j])
     for r in range(len(spread)):
         square = 0.0
-        for i in range(9):
-            square += spread[r, i] * spread[r, i]
+        for i in range(3):
+            for j in range(3):
+                part = spread[r, min(i, j), max(i, j)]
+                square += part * part
         out_one_way[r] = math.sqrt(square) >= ONE_WAY * out_rounded[r]
 
 

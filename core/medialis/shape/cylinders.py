@@ -116,7 +116,12 @@ class Cylinders:
         return np.asarray(step - np.einsum("ka,ka->k", step, axis)[:, None] * axis)
 
 
-def find_cylinders(surface: Surface, planes: IntArray, crease: float) -> Cylinders:
+def find_cylinders(
+    surface: Surface,
+    planes: IntArray,
+    crease: float,
+    ruled: tuple[Mask, FloatArray] | None = None,
+) -> Cylinders:
     """Find the cylinders that the needles of a part are cut from.
 
     Parameters
@@ -127,6 +132,8 @@ def find_cylinders(surface: Surface, planes: IntArray, crease: float) -> Cylinde
         `find_planes`: its faces are of no cylinder.
     crease : float
         Radians: over edges that bend by more no cylinder goes on.
+    ruled : tuple, optional
+        `needles`, where they are known.
 
     Notes
     -----
@@ -135,7 +142,8 @@ def find_cylinders(surface: Surface, planes: IntArray, crease: float) -> Cylinde
     label, found = np.full(surface.face_count, -1, np.int32), list[_Fitted]()
     near = ON_IT * surface.diagonal
     tries = MOST_TRIES
-    for chain in _chains(surface, planes, crease):
+    needle, longest = needles(surface, planes) if ruled is None else ruled
+    for chain in _chains(surface, planes, crease, needle, longest):
         begin = 0
         while begin + LEAST_CORNERS - 2 < len(chain) and tries > 0:  # two chords at least
             rest, which = chain[begin:], _known(surface, chain[begin : begin + 2], found, near)
@@ -270,9 +278,10 @@ def _known(surface: Surface, faces: Rows, found: list[_Fitted], near: float) -> 
     return int(good.argmax()) if good.any() else -1
 
 
-def _chains(surface: Surface, planes: IntArray, crease: float) -> list[Rows]:
+def _chains(
+    surface: Surface, planes: IntArray, crease: float, needle: Mask, longest: FloatArray
+) -> list[Rows]:
     """Return chains of needles, each beside the next over a long side, the largest first."""
-    needle, longest = needles(surface, planes)
     if not is_part(surface, planes, needle):
         return []
     first, second, opposite = surface.edge_table.pairs

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, EdgeTable, Index, Mask, next_side, sums_of
+from medialis.base.arrays import Described, EdgeTable, Index, Mask, next_side
 from medialis.base.validation import FloatArray, IntArray, all_finite, as_faces, as_points, frozen
 from medialis.shape.surface import Surface, Topology, piece_labels
 
@@ -145,7 +145,7 @@ def solid_pieces(surface: Surface) -> IntArray:
 
 def piece_volumes(surface: Surface, pieces: IntArray) -> PieceVolumes:
     """Measure the pieces of a surface, given that of each face (m,)."""
-    from medialis.shape._kernels import add_corners, sum_pieces
+    from medialis.shape._kernels import add_corners, add_ends, sum_pieces
 
     assert surface.faces is not None
     points, faces, table = surface.points, surface.faces, surface.edge_table
@@ -155,11 +155,13 @@ def piece_volumes(surface: Surface, pieces: IntArray) -> PieceVolumes:
     closed = np.ones(count, bool)
     closed[piece] = False
     # The apex is the middle of the boundary, or of all corners of a closed piece.
-    rim = np.concatenate([table.low[edge], table.high[edge]])
-    apex = _middles(points[rim], np.concatenate([piece, piece]), count)
-    middle, corners = np.zeros((count, 3)), np.zeros(count, np.int64)
-    add_corners(points, faces, pieces, middle, corners)
-    apex[closed] = (middle / corners[:, None])[closed]
+    middle, met = np.zeros((count, 3)), np.zeros(count, np.int64)
+    add_ends(points, table.ends, edge, piece, middle, met)
+    apex = middle / np.maximum(met, 1)[:, None]
+    if closed.any():
+        middle, met = np.zeros((count, 3)), np.zeros(count, np.int64)
+        add_corners(points, faces, pieces, middle, met)
+        apex[closed] = (middle / met[:, None])[closed]
     sums = np.zeros((3, count))
     sum_pieces(points, faces, surface.face_vectors, surface.face_areas, pieces, apex, sums)
     return PieceVolumes(sums[0], sums[1], sums[2], closed)
@@ -179,16 +181,14 @@ def _unbalanced(surface: Surface, pieces: IntArray) -> tuple[Index, Index]:
     edge = np.repeat(np.arange(len(table.counts)), table.counts)
     rest = ~plain[edge]
     half, edge = table.order[rest], edge[rest]
-    _, group = np.unique(edge * count + pieces[half // 3], return_inverse=True)
-    net = np.bincount(group, np.where(table.forward[half], 1.0, -1.0))
-    open_ = net[group] != 0
+    open_ = table.counts[edge] == 1
+    if not open_.all():
+        rows = np.flatnonzero(~open_)
+        key = edge[rows] * count + pieces[half[rows] // 3]
+        _, group = np.unique(key, return_inverse=True)
+        net = np.bincount(group, np.where(table.forward[half[rows]], 1.0, -1.0))
+        open_[rows] = net[group] != 0
     return half[open_], edge[open_]
-
-
-def _middles(points: FloatArray, pieces: IntArray, count: int) -> FloatArray:
-    """Return the mean point of each piece, (count, 3); zero for a piece without points."""
-    members = np.maximum(np.bincount(pieces, minlength=count), 1)
-    return sums_of(pieces, points, count) / members[:, None]
 
 
 ON_EACH_OTHER = 1.0 - 1e-6
@@ -631,11 +631,8 @@ def _topology(surface: Surface) -> dict[str, Any]:
         several, loops, fans = 0, 0, int(np.count_nonzero(surface.used_points))
     else:
         fan = surface.topology.corner_fans()
-        several, loops, fans = (
-            _split_vertices(surface, fan),
-            _loops(single, fan),
-            int(fan.max()) + 1,
-        )
+        fans = int(fan.max()) + 1
+        several, loops = _split_vertices(surface, fan), _loops(single, fan, fans)
     genus = None
     orientable = not inconsistent or not agreeing_flips(surface)[1].any()
     if not many.any() and not several and orientable:
@@ -677,13 +674,14 @@ def _split_vertices(surface: Surface, fan: IntArray) -> int:
     return int((np.bincount(fan_vertex) > 1).sum())
 
 
-def _loops(single: IntArray, fan: IntArray) -> int:
+def _loops(single: IntArray, fan: IntArray, fans: int) -> int:
     """Count boundary loops: boundary edges chained through the fans at their ends."""
     if len(single) == 0:
         return 0
     ends = np.stack([fan[single], fan[next_side(single)]], axis=1)
-    known, links = np.unique(ends, return_inverse=True)
-    return int(piece_labels(len(known), links.reshape(-1, 2)).max()) + 1
+    there = np.zeros(fans, bool)
+    there[ends] = True
+    return int(piece_labels(fans, ends).max()) + 1 - int(np.count_nonzero(~there))
 
 
 def _facing(surface: Surface) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from medialis.base.validation import FloatArray, IntArray, as_faces, as_points, 
 from medialis.shape.cylinders import Cylinders, find_cylinders, with_cylinders
 from medialis.shape.diagnosis import propagate_signs
 from medialis.shape.planes import find_planes, with_planes
-from medialis.shape.rulings import with_rulings
+from medialis.shape.rulings import needles, with_rulings
 from medialis.shape.surface import Surface, piece_labels
 
 FACING_AWAY = 1e-6  # halved 0 %, doubled 0 %
@@ -88,16 +88,18 @@ def vertex_normals(points: FloatArray, faces: IntArray) -> FloatArray:
     if surface.faces is None:
         return frozen(np.zeros_like(points), np.float64)
     planes = find_planes(surface, SHARP)
-    cylinders = find_cylinders(surface, planes, SHARP)
-    return part_normals(ring_normals(points, surface.faces), surface, planes, cylinders)
+    return part_normals(ring_normals(points, surface.faces), surface, planes)[0]
 
 
 def part_normals(
-    normals: FloatArray, surface: Surface, planes: IntArray, cylinders: Cylinders
-) -> FloatArray:
-    """Return normals (n, 3) that are those of flat faces, of rulings and of cylinders."""
-    normals = with_rulings(with_planes(normals, surface, planes, SHARP), surface, planes, SHARP)
-    return with_cylinders(normals, surface, planes, cylinders, SHARP)
+    normals: FloatArray, surface: Surface, planes: IntArray
+) -> tuple[FloatArray, Cylinders]:
+    """Return normals (n, 3) that are those of flat faces, rulings and cylinders, and the latter."""
+    found = needles(surface, planes)
+    cylinders = find_cylinders(surface, planes, SHARP, found)
+    normals = with_planes(normals, surface, planes, SHARP)
+    normals = with_rulings(normals, surface, planes, SHARP, found[0])
+    return with_cylinders(normals, surface, planes, cylinders, SHARP), cylinders
 
 
 def ring_normals(points: FloatArray, faces: IntArray, *, smooth: bool = True) -> FloatArray:

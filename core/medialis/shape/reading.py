@@ -30,7 +30,6 @@ from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.validation import as_faces, as_normals, as_points
 from medialis.formats.meshes import read_mesh, triangulate
-from medialis.shape.cylinders import find_cylinders
 from medialis.shape.diagnosis import examine
 from medialis.shape.normals import (
     SHARP,
@@ -389,8 +388,8 @@ def _made(
             if planes is None:
                 planes = run_patiently(lambda: find_planes(surface, SHARP), progress)
             rings = run_patiently(lambda: ring_normals(vertices, triangles), progress)
-            cylinders = run_patiently(lambda: find_cylinders(surface, planes, SHARP), progress)
-            computed = part_normals(rings, surface, planes, cylinders)
+            found = run_patiently(lambda: part_normals(rings, surface, planes), progress)
+            computed, cylinders = found
             if directions is not None:  # a model has none where its faces meet in an edge
                 told_there = np.asarray(directions).any(axis=1, keepdims=True)
                 computed = np.where(told_there, directions, computed)

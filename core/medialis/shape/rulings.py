@@ -112,7 +112,9 @@ def is_part(surface: Surface, planes: IntArray, ruled: NDArray[Any]) -> bool:
     return bool(surface.face_areas[ruled].sum() >= RULED_PART * surface.area)
 
 
-def find_rulings(surface: Surface, planes: IntArray, crease: float) -> Rulings:
+def find_rulings(
+    surface: Surface, planes: IntArray, crease: float, needle: Mask | None = None
+) -> Rulings:
     """Find the edges of a part along which its rounded surface is straight.
 
     Parameters
@@ -123,9 +125,11 @@ def find_rulings(surface: Surface, planes: IntArray, crease: float) -> Rulings:
         `find_planes`.
     crease : float
         Radians: edges that bend by more are sharp.
+    needle : (m,) bool, optional
+        `needles`, where they are known.
     """
     first, second, _ = surface.edge_table.pairs
-    needle, _ = needles(surface, planes)
+    needle = needles(surface, planes)[0] if needle is None else needle
     if not is_part(surface, planes, needle):
         return Rulings(np.empty(0, np.int64), np.empty((0, 2), np.int64), np.empty((0, 3)))
     edges = _between_needles(surface, needle)
@@ -171,7 +175,11 @@ def only_rounded(surface: Surface, planes: IntArray, crease: float) -> Mask:
 
 
 def with_rulings(
-    normals: FloatArray, surface: Surface, planes: IntArray, crease: float
+    normals: FloatArray,
+    surface: Surface,
+    planes: IntArray,
+    crease: float,
+    needle: Mask | None = None,
 ) -> FloatArray:
     """Return vertex normals that are those of ruled strips, where one ends at shorter facets.
 
@@ -183,8 +191,10 @@ def with_rulings(
         `find_planes`.
     crease : float
         Radians: vertices at edges that bend by more keep their normals.
+    needle : (m,) bool, optional
+        `needles`, where they are known.
     """
-    rulings, points = find_rulings(surface, planes, crease), surface.points
+    rulings, points = find_rulings(surface, planes, crease, needle), surface.points
     if len(rulings.sides) == 0:
         return normals
     count = surface.point_count

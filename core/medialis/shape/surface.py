@@ -121,6 +121,8 @@ class Topology:
         """Piece of each face, (m,), see `Surface.face_pieces`."""
         from medialis.shape._kernels import label_face_pieces
 
+        if self.__dict__.get("is_solid") and self.part_count == 1:
+            return frozen(np.zeros(len(self.faces)), np.int32)
         label = np.empty(len(self.faces), np.int32)
         label_face_pieces(self.edge_twins, np.arange(len(label), dtype=np.int32), label)
         return frozen(label, np.int32)
@@ -335,6 +337,11 @@ class Surface(Bound):
         names = "edges", "used_points", "components", "face_pieces", "first_equal_face", "is_solid"
         own.update({name: its[name] for name in names if name in its})
         self.__dict__["flat_faces"] = known.flat_faces
+        if turned.all():  # no minus before a zero
+            vectors, units = (
+                frozen(0.0 - v, np.float64) for v in (known.face_vectors, known.face_normals)
+            )
+            self.__dict__ |= {"face_vectors": vectors, "_face_units": (known.face_areas, units)}
 
     def measure_faces(self) -> None:
         """Find `face_vectors`, `face_areas`, `face_normals` and `flat_faces` in one pass."""
