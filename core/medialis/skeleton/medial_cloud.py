@@ -267,6 +267,10 @@ SAMPLES_A_CHUNK = 1024  # halved < 0.1 %, doubled < 0.1 %
 chunk, which has no warm start, does not count."""
 
 
+BALLS_A_CHUNK = 1 << 15
+"""Of those that are looked at once each."""
+
+
 def hidden_walls(cloud: MedialCloud, tolerance: float) -> Mask:
     """Tell the inner balls that went through a wall thinner than the tolerance.
 
@@ -308,11 +312,15 @@ def endless(cloud: MedialCloud) -> Mask:
 
 def touches_from_outside(cloud: MedialCloud) -> Mask:
     """Tell the inner balls whose center lies in front of the wall at their second contact, (k,)."""
-    normals = cloud.contact_normals
-    outward = np.zeros(len(cloud))
-    for axis in range(3):  # in this order: a sum of another one may differ in its last bit
-        outward += (cloud.contacts[:, axis] - cloud.centers[:, axis]) * normals[:, axis]
-    return (cloud.side > 0) & cloud.valid & (outward < 0.0)
+    from medialis.skeleton._ball_kernels import Contacts, find_outside
+
+    surface, result = cloud.surface, (cloud.side > 0) & cloud.valid
+    none = np.empty((0, 3), np.int32), np.empty((0, 3))
+    faces = none if surface.faces is None else (surface.faces, surface.face_normals)
+    touching = cloud.centers, cloud.features, cloud.contact_faces, cloud.contact_weights
+    contacts = Contacts(*touching, surface.points, surface.normals, *faces)
+    run_chunks(find_outside, len(cloud), BALLS_A_CHUNK, contacts, result)
+    return result
 
 
 def in_closed_part(shape: Shape, samples: NDArray[Any]) -> Mask:
