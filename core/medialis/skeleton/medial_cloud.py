@@ -118,6 +118,8 @@ class Balls(Bound):
 
     def with_rows(self, rows: NDArray[Any], **columns: Any) -> Self:
         """Return these balls with other values of some columns in some rows: arrays, or one."""
+        if len(rows) == 0:
+            return self
         changed = {name: np.array(getattr(self, name)) for name in columns}
         for name, values in columns.items():
             changed[name][rows] = values
@@ -209,11 +211,22 @@ class MedialCloud(Balls):
         spoke angle alone says nothing.
         """
         angles, rows = np.array(self.spoke_angles), np.flatnonzero(self.valid)
+        angles[rows] = self._wall_angles_of(rows)
+        return frozen(angles, np.float64)
+
+    def with_wall_angle(self, rows: Index, least: float) -> Index:
+        """Return those of some valid rows whose wall angle is a least one, in radians, or more."""
+        if "wall_angles" in self.__dict__:
+            return rows[self.wall_angles[rows] >= least]
+        rows = rows[self.spoke_angles[rows] >= least]  # wall angles are no larger
+        return rows[self._wall_angles_of(rows) >= least]
+
+    def _wall_angles_of(self, rows: Index) -> FloatArray:
         first, second = (self.surface.normals[self.features[rows, j]] for j in (0, 1))
         cosine = np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0)
         known = first.any(axis=1) & second.any(axis=1)
-        angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), 0.0)
-        return frozen(angles, np.float64)
+        angles = np.minimum(self.spoke_angles[rows], np.arccos(cosine))
+        return np.asarray(np.where(known, angles, 0.0))
 
     @cached_property
     def inverse_features(self) -> Ragged:
