@@ -90,11 +90,11 @@ class Hung(NamedTuple):
         Of the tree.
     first : (leaves + 1,) int64
         Where the blocks of each leaf start.
-    corners : (16 b, 3) int32
+    corners : (8 b, 3) int32
         Samples in tree order; -1 where a slot is left.
-    reliefs : (16 b, 4) float64
+    reliefs : (8 b, 4) float64
         Bulges of the sides, and the smallest cosine at the corners (see `Creases`).
-    hulls : (b, 8, 16) float32
+    hulls : (b, 8, 8) float32
         Disc or cylinder round each face.
     """
 
