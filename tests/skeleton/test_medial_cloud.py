@@ -93,3 +93,13 @@ def test_only_all_inner_balls_in_their_order_are_whole():
 
 def test_statuses_are_stored_numbers():
     assert [status.value for status in BallStatus] == [0, 1, 2]
+
+
+def test_balls_of_a_least_wall_angle_are_those_of_all_wall_angles():
+    """They are found where the spoke angle is large enough alone, or among angles known."""
+    cloud = shrink_balls(forms.ellipsoid(800, (3.0, 2.0, 1.0)).shape)
+    rows = np.flatnonzero(cloud.valid)[::2]
+    first = cloud.with_wall_angle(rows, 2.0)
+    assert 0 < len(first) < len(rows)
+    assert (first == rows[cloud.wall_angles[rows] >= 2.0]).all()
+    assert (cloud.with_wall_angle(rows, 2.0) == first).all()

@@ -341,15 +341,18 @@ def _apart(points, v, w):
 
 
 @kernel
-def spread_from_seeds(points, offsets, neighbours, out_distance, out_seed):
+def spread_from_seeds(points, offsets, neighbours, out_distance, out_seed, out_order):
     """Dijkstra's search from all seeds at once: the nearest seed along edges, and its distance.
+
+    `out_order` (n,) is filled with what is no seed and is reached, the nearest first; returns how
+    many there are.
 
     On entry `out_seed` is the vertex itself and `out_distance` 0 at the seeds, -1 and inf
     elsewhere; what cannot be reached stays so. Equally near seeds: the lowest index wins. A vertex
     is entered in the heap once at most for each of its listed neighbours.
     """
     keys, names = np.empty(len(neighbours)), np.empty(len(neighbours), np.int32)
-    size, turn, count = 0, 0, len(out_seed)
+    size, turn, count, reached = 0, 0, len(out_seed), 0
     while turn < count or size > 0:
         if turn < count:  # the seeds first, which need no heap
             v = turn
@@ -361,14 +364,19 @@ def spread_from_seeds(points, offsets, neighbours, out_distance, out_seed):
             v = names[size]
             if keys[size] > out_distance[v]:
                 continue  # a shorter way was found since
+            out_order[reached] = v
+            reached += 1
         for at in range(offsets[v], offsets[v + 1]):
             w = neighbours[at]
+            if out_distance[w] < out_distance[v]:
+                continue
             reach = out_distance[v] + _apart(points, v, w)
             if reach < out_distance[w]:
                 out_distance[w], out_seed[w] = reach, out_seed[v]
                 size = push(keys, names, size, reach, w)
             elif reach == out_distance[w] and out_seed[v] < out_seed[w]:
                 out_seed[w] = out_seed[v]
+    return reached
 
 
 @kernel

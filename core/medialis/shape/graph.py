@@ -74,18 +74,20 @@ def _cloud_graph(shape: Shape) -> Ragged:
 
 def nearest_seeds(
     points: FloatArray, graph: Ragged, seeds: NDArray[np.bool_]
-) -> tuple[IntArray, FloatArray]:
+) -> tuple[IntArray, FloatArray, IntArray]:
     """Return the nearest of the points that are seeds, along the graph, and its distance, (n,).
 
-    Ties go to the lowest index; -1 and inf where no seed can be reached.
+    Ties go to the lowest index; -1 and inf where no seed can be reached. The third array lists the
+    points that are no seed and that one reaches, the nearest first.
     """
     from medialis.shape._kernels import spread_from_seeds
 
     n = len(points)
     seed = np.where(seeds, np.arange(n), -1).astype(np.int32)
     distance = np.where(seeds, 0.0, np.inf)
-    spread_from_seeds(points, graph.offsets, graph.indices, distance, seed)
-    return seed, distance
+    order = np.empty(n, np.int32)
+    count = spread_from_seeds(points, graph.offsets, graph.indices, distance, seed, order)
+    return seed, distance, order[:count]
 
 
 def local_spacing(shape: Shape) -> FloatArray:

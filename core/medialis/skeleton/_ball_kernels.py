@@ -160,6 +160,7 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
     _, tolerance, a, largest, near2, margin = lengths
     n = len(points)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
+    hits = np.empty(8 * 12 + 8, np.int32)
     recent, names = np.empty((3, LEAF)), np.empty(LEAF, np.int64)  # see `_remember`
     spare, fresh = 0, True
     previous = -1  # leaf of the last second feature point: on tubes those of neighbours are near
@@ -199,27 +200,27 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
         cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
         if not _is_certain(known, cx, cy, cz, tolerance - r):
             stack[0] = 0
+            reach = max(r - a + margin, 0.0)
+            hits[0] = test_children(bounds[0], cx, cy, cz, reach)
             top = 1
             while top > 0:
                 top -= 1
-                node = stack[top]
-                reach = r - a + margin
-                if reach <= 0.0:
-                    break
-                bits = test_children(bounds[node], cx, cy, cz, reach)
-                base = child[node]
+                base, bits = child[stack[top]], hits[top]
                 while bits > 0:
                     j = lowest_bit(bits)
                     bits &= bits - 1
                     if base >= 0:
-                        stack[top] = base + j
-                        top += 1
+                        inside = test_children(bounds[base + j], cx, cy, cz, reach)
+                        if inside > 0:
+                            stack[top], hits[top] = base + j, inside
+                            top += 1
                         continue
                     leaf = ~base + j
                     r, slot = _scan_leaf(blocks[leaf], px, py, pz, nx, ny, nz, r, a, near2)
                     if slot >= 0:
                         feature = leaf * LEAF + slot
                         cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
+                        reach = max(r - a + margin, 0.0)
             known[0, turn], known[1, turn], known[2, turn] = cx, cy, cz
             known[3, turn] = a - r
             turn = (turn + 1) % KNOWN
@@ -244,6 +245,49 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
         first = (n * leaf) >> depth  # a padded slot stands for the last sample of its leaf
         out.second[source] = order[min(first + slot, ((n * (leaf + 1)) >> depth) - 1)]
         out.status[source] = OK
+
+
+class Contacts(NamedTuple):
+    """What k balls touch: columns of `Balls`, and arrays of their surface.
+
+    Attributes
+    ----------
+    centers : (k, 3) float64
+    features : (k, 2) int32
+    on_faces : (k,) int32
+        The face that each touches between its corners, -1 where it touches a sample.
+    weights : (k, 3) float64
+    points, normals : (n, 3) float64
+    faces, face_normals : (m, 3) int32 and float64
+    """
+
+    centers: NDArray[np.float64]
+    features: NDArray[np.int32]
+    on_faces: NDArray[np.int32]
+    weights: NDArray[np.float64]
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    face_normals: NDArray[np.float64]
+
+
+@kernel
+def find_outside(begin, end, contacts, wanted):
+    """Leave of the wanted balls those that touch their second contact from its outside."""
+    points, faces = contacts.points, contacts.faces
+    for i in range(begin, end):
+        if not wanted[i]:
+            continue
+        f, second, outward = contacts.on_faces[i], contacts.features[i, 1], 0.0
+        for axis in range(3):
+            if f < 0:
+                place, along = points[second, axis], contacts.normals[second, axis]
+            else:
+                place, along = 0.0, contacts.face_normals[f, axis]
+                for j in range(3):
+                    place += contacts.weights[i, j] * points[faces[f, j], axis]
+            outward += (place - contacts.centers[i, axis]) * along
+        wanted[i] = outward < 0.0
 
 
 class Grid(NamedTuple):

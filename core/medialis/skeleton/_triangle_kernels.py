@@ -66,7 +66,7 @@ SLIVER = 8.0
 NOWHERE = -1e15
 """Radius of the disc of a slot left over: never near, whatever the margins."""
 
-BLOCK = 16
+BLOCK = 8
 """Faces side by side; the last block of a leaf is filled up with faces that are nowhere."""
 
 MIDDLE, BREADTH, AXIS, THICK, ROWS = 0, 3, 4, 7, 8
@@ -90,11 +90,11 @@ class Hung(NamedTuple):
         Of the tree.
     first : (leaves + 1,) int64
         Where the blocks of each leaf start.
-    corners : (16 b, 3) int32
+    corners : (8 b, 3) int32
         Samples in tree order; -1 where a slot is left.
-    reliefs : (16 b, 4) float64
+    reliefs : (8 b, 4) float64
         Bulges of the sides, and the smallest cosine at the corners (see `Creases`).
-    hulls : (b, 8, 16) float32
+    hulls : (b, 8, 8) float32
         Disc or cylinder round each face.
     """
 
@@ -156,35 +156,31 @@ def fill_hulls(begin, end, points, corners, out_hulls):
 @kernel
 def _fill_hull(points, a, b, c, out):
     ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
-    ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
-    vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
+    bx, by, bz = points[b, 0], points[b, 1], points[b, 2]
+    cx, cy, cz = points[c, 0], points[c, 1], points[c, 2]
+    ux, uy, uz, vx, vy, vz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     length = math.sqrt(nx * nx + ny * ny + nz * nz)
+    uu, vv = dot(ux, uy, uz, ux, uy, uz), dot(vx, vy, vz, vx, vy, vz)
+    wx, wy, wz = cx - bx, cy - by, cz - bz
+    if SLIVER * length < max(max(uu, vv), dot(wx, wy, wz, wx, wy, wz)):
+        _lay_along(points, a, b, c, out)
+        return
     if length > 0.0:
         nx, ny, nz = nx / length, ny / length, nz / length
-    out[AXIS], out[AXIS + 1], out[AXIS + 2] = nx, ny, nz
-    for axis in range(3):
-        out[MIDDLE + axis] = (points[a, axis] + points[b, axis] + points[c, axis]) / 3.0
-    out[THICK] = 0.0
-    _lay_along(points, a, b, c, length, out)
-    along, beside = 0.0, 0.0
-    for corner in (a, b, c):
-        off, d2 = 0.0, 0.0
-        for axis in range(3):
-            d = points[corner, axis] - np.float64(out[MIDDLE + axis])
-            off += d * np.float64(out[AXIS + axis])
-        off *= out[THICK]
-        for axis in range(3):
-            d = points[corner, axis] - np.float64(out[MIDDLE + axis])
-            d -= off * np.float64(out[AXIS + axis])
-            d2 += d * d
-        along, beside = max(along, abs(off)), max(beside, d2)
-    out[THICK], out[BREADTH] = along, math.sqrt(beside)
+    out[AXIS], out[AXIS + 1], out[AXIS + 2], out[THICK] = nx, ny, nz, 0.0
+    x, y = np.float32((ax + bx + cx) / 3.0), np.float32((ay + by + cy) / 3.0)
+    z = np.float32((az + bz + cz) / 3.0)
+    out[MIDDLE], out[MIDDLE + 1], out[MIDDLE + 2] = x, y, z
+    far = dot(ax - x, ay - y, az - z, ax - x, ay - y, az - z)
+    far = max(far, dot(bx - x, by - y, bz - z, bx - x, by - y, bz - z))
+    far = max(far, dot(cx - x, cy - y, cz - z, cx - x, cy - y, cz - z))
+    out[BREADTH] = math.sqrt(far)
 
 
 @kernel
-def _lay_along(points, a, b, c, twice_area, out):
-    """Lay the middle and the axis of a sliver along its longest side; 1 in THICK tells that."""
+def _lay_along(points, a, b, c, out):
+    """Lay a cylinder along the longest side of a sliver."""
     longest, first, second, third = 0.0, a, b, c
     for i, j, k in ((a, b, c), (b, c, a), (c, a, b)):
         d2 = 0.0
@@ -192,8 +188,6 @@ def _lay_along(points, a, b, c, twice_area, out):
             d2 += (points[j, axis] - points[i, axis]) ** 2
         if d2 > longest:
             longest, first, second, third = d2, i, j, k
-    if SLIVER * twice_area >= longest:
-        return
     share = 0.0  # of the longest side, where the third corner stands over it
     for axis in range(3):
         side = points[second, axis] - points[first, axis]
@@ -203,7 +197,18 @@ def _lay_along(points, a, b, c, twice_area, out):
         height = points[third, axis] - points[first, axis] - share * side
         out[AXIS + axis] = side / math.sqrt(longest)
         out[MIDDLE + axis] = points[first, axis] + 0.5 * (side + height)
-    out[THICK] = 1.0
+    along, beside = 0.0, 0.0
+    for corner in (a, b, c):
+        off, d2 = 0.0, 0.0
+        for axis in range(3):
+            d = points[corner, axis] - np.float64(out[MIDDLE + axis])
+            off += d * np.float64(out[AXIS + axis])
+        for axis in range(3):
+            d = points[corner, axis] - np.float64(out[MIDDLE + axis])
+            d -= off * np.float64(out[AXIS + axis])
+            d2 += d * d
+        along, beside = max(along, abs(off)), max(beside, d2)
+    out[THICK], out[BREADTH] = along, math.sqrt(beside)
 
 
 @kernel
@@ -390,6 +395,7 @@ def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
     _, tolerance, a, _, _, margin = lengths
     points, bounds, child, first, corners, reliefs, hulls = hung
     stack = np.empty(8 * 12 + 8, np.int64)
+    hits = np.empty(8 * 12 + 8, np.int32)
     most, fewest = np.float32(a - margin), np.float32(least - margin)
     known = np.full((4, KNOWN), np.inf)  # certificates: centers and radii
     turn = 0
@@ -409,21 +415,24 @@ def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
         if certain > 0:
             continue
         face, best_s, best_t = -1, 0.0, 0.0
+        reach, closer = max(r - least + margin, 0.0), max(r - a + margin, 0.0)
+        wide2 = (2.0 - 1e-5) * r * r
         stack[0] = 0
+        hits[0] = _test_relief(bounds[0], px, py, pz, cx, cy, cz, reach, closer, wide2)
         top = 1
         while top > 0:
             top -= 1
-            node = stack[top]
-            reach, closer = max(r - least + margin, 0.0), max(r - a + margin, 0.0)
-            wide2 = (2.0 - 1e-5) * r * r
-            bits = _test_relief(bounds[node], px, py, pz, cx, cy, cz, reach, closer, wide2)
-            base = child[node]
+            base, bits = child[stack[top]], hits[top]
             while bits > 0:
                 j = lowest_bit(bits)
                 bits &= bits - 1
                 if base >= 0:
-                    stack[top] = base + j
-                    top += 1
+                    inside = _test_relief(
+                        bounds[base + j], px, py, pz, cx, cy, cz, reach, closer, wide2
+                    )
+                    if inside > 0:
+                        stack[top], hits[top] = base + j, inside
+                        top += 1
                     continue
                 leaf = ~base + j
                 for block in range(first[leaf], first[leaf + 1]):
@@ -442,6 +451,8 @@ def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
                             r, best_s, best_t = less, s, t
                             face = slot
                             cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+                            reach, closer = max(r - least + margin, 0.0), max(r - a + margin, 0.0)
+                            wide2 = (2.0 - 1e-5) * r * r
         known[0, turn], known[1, turn], known[2, turn], known[3, turn] = cx, cy, cz, r
         turn = (turn + 1) % KNOWN
         if face >= 0:

@@ -118,6 +118,8 @@ class Balls(Bound):
 
     def with_rows(self, rows: NDArray[Any], **columns: Any) -> Self:
         """Return these balls with other values of some columns in some rows: arrays, or one."""
+        if len(rows) == 0:
+            return self
         changed = {name: np.array(getattr(self, name)) for name in columns}
         for name, values in columns.items():
             changed[name][rows] = values
@@ -209,11 +211,22 @@ class MedialCloud(Balls):
         spoke angle alone says nothing.
         """
         angles, rows = np.array(self.spoke_angles), np.flatnonzero(self.valid)
+        angles[rows] = self._wall_angles_of(rows)
+        return frozen(angles, np.float64)
+
+    def with_wall_angle(self, rows: Index, least: float) -> Index:
+        """Return those of some valid rows whose wall angle is a least one, in radians, or more."""
+        if "wall_angles" in self.__dict__:
+            return rows[self.wall_angles[rows] >= least]
+        rows = rows[self.spoke_angles[rows] >= least]  # wall angles are no larger
+        return rows[self._wall_angles_of(rows) >= least]
+
+    def _wall_angles_of(self, rows: Index) -> FloatArray:
         first, second = (self.surface.normals[self.features[rows, j]] for j in (0, 1))
         cosine = np.clip(np.einsum("ij,ij->i", first, second), -1.0, 1.0)
         known = first.any(axis=1) & second.any(axis=1)
-        angles[rows] = np.where(known, np.minimum(angles[rows], np.arccos(cosine)), 0.0)
-        return frozen(angles, np.float64)
+        angles = np.minimum(self.spoke_angles[rows], np.arccos(cosine))
+        return np.asarray(np.where(known, angles, 0.0))
 
     @cached_property
     def inverse_features(self) -> Ragged:
@@ -267,6 +280,10 @@ SAMPLES_A_CHUNK = 1024  # halved < 0.1 %, doubled < 0.1 %
 chunk, which has no warm start, does not count."""
 
 
+BALLS_A_CHUNK = 1 << 15
+"""Of those that are looked at once each."""
+
+
 def hidden_walls(cloud: MedialCloud, tolerance: float) -> Mask:
     """Tell the inner balls that went through a wall thinner than the tolerance.
 
@@ -308,11 +325,15 @@ def endless(cloud: MedialCloud) -> Mask:
 
 def touches_from_outside(cloud: MedialCloud) -> Mask:
     """Tell the inner balls whose center lies in front of the wall at their second contact, (k,)."""
-    normals = cloud.contact_normals
-    outward = np.zeros(len(cloud))
-    for axis in range(3):  # in this order: a sum of another one may differ in its last bit
-        outward += (cloud.contacts[:, axis] - cloud.centers[:, axis]) * normals[:, axis]
-    return (cloud.side > 0) & cloud.valid & (outward < 0.0)
+    from medialis.skeleton._ball_kernels import Contacts, find_outside
+
+    surface, result = cloud.surface, (cloud.side > 0) & cloud.valid
+    none = np.empty((0, 3), np.int32), np.empty((0, 3))
+    faces = none if surface.faces is None else (surface.faces, surface.face_normals)
+    touching = cloud.centers, cloud.features, cloud.contact_faces, cloud.contact_weights
+    contacts = Contacts(*touching, surface.points, surface.normals, *faces)
+    run_chunks(find_outside, len(cloud), BALLS_A_CHUNK, contacts, result)
+    return result
 
 
 def in_closed_part(shape: Shape, samples: NDArray[Any]) -> Mask:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from medialis.skeleton._triangle_kernels import Hung
 
 BLOCKS_A_CHUNK = 1024  # halved 0 %, doubled 0 %
-"""Of 16 faces."""
+"""Of 8 faces."""
 
 ROUNDING = 1e-10  # halved 0 %, doubled 0 %
 """Fraction of the diagonal: a place less deep than this in a ball is on it."""
@@ -66,8 +66,8 @@ class Walls:
         Of the mesh.
     tree : BoxTree
         Of the samples.
-    faces : (16 b,) int32
-        Faces in blocks of 16, those of each leaf in blocks of their own; -1 where a slot is left.
+    faces : (8 b,) int32
+        Faces in blocks of 8, those of each leaf in blocks of their own; -1 where a slot is left.
     hung : Hung
         Where they lie, in that order.
     """

@@ -54,12 +54,14 @@ class System(NamedTuple):
 
 @kernel
 def weigh_links(points, faces, wanted, offsets, neighbours, out_weights):
-    """Enter half the cotangents of the angles across each listed link, both ways."""
+    """Enter half the cotangents of the angles across each listed link of a wanted vertex."""
     for f in range(len(faces)):
         if not (wanted[faces[f, 0]] or wanted[faces[f, 1]] or wanted[faces[f, 2]]):
             continue
         for j in range(3):
             c, a, b = faces[f, j], faces[f, (j + 1) % 3], faces[f, (j + 2) % 3]
+            if not (wanted[a] or wanted[b]):
+                continue
             ux, uy = points[a, 0] - points[c, 0], points[a, 1] - points[c, 1]
             uz, vx = points[a, 2] - points[c, 2], points[b, 0] - points[c, 0]
             vy, vz = points[b, 1] - points[c, 1], points[b, 2] - points[c, 2]
@@ -68,8 +70,10 @@ def weigh_links(points, faces, wanted, offsets, neighbours, out_weights):
             if twice == 0.0:
                 continue
             half = 0.5 * (ux * vx + uy * vy + uz * vz) / twice
-            _add_weight(a, b, half, offsets, neighbours, out_weights)
-            _add_weight(b, a, half, offsets, neighbours, out_weights)
+            if wanted[a]:
+                _add_weight(a, b, half, offsets, neighbours, out_weights)
+            if wanted[b]:
+                _add_weight(b, a, half, offsets, neighbours, out_weights)
     for at in range(len(out_weights)):
         out_weights[at] = min(max(out_weights[at], LEAST_WEIGHT), LARGEST_WEIGHT)
 

@@ -78,12 +78,12 @@ def complete(surface: Shape, other: FloatArray, known: FloatArray) -> CompletedF
         every, none = np.arange(n, dtype=np.int32), np.zeros(n, np.bool_)
         return CompletedField(surface, known, values, every, np.zeros(n), none)
     graph = mesh_graph(surface.faces, missing)
-    seed, distance = nearest_seeds(surface.points, graph, ~missing)
+    seed, distance, rows = nearest_seeds(surface.points, graph, ~missing)
     if (seed < 0).any():
         known = _with_other_components(surface, other, known, seed)
-        seed, distance = nearest_seeds(surface.points, graph, ~np.isnan(known))
+        seed, distance, rows = nearest_seeds(surface.points, graph, ~np.isnan(known))
     values = np.where(seed >= 0, known[seed], known)
-    _smooth(_ordered(np.isnan(known) & (seed >= 0), distance), values, known, surface, graph)
+    _smooth(rows, values, known, surface, graph)
     _nearest_in_space(surface, values)
     return CompletedField(surface, known, values, seed, distance, missing & ~np.isnan(known))
 
@@ -122,8 +122,10 @@ def complete_again(before: CompletedField, other: FloatArray, known: FloatArray)
     near = _near(surface, free, starts, known[seed[starts]])
     values = np.where(missing, before.values, known)
     values[seed < 0] = np.nan
-    rows, graph = _ordered(near, distance), mesh_graph(surface.faces, near)
-    _smooth(rows, values, known, surface, graph)
+    # The nearest to what is known first, as above: the shape gives the order.
+    nearest = np.argsort(np.where(near, distance, np.inf), kind="stable")[: near.sum()]
+    graph = mesh_graph(surface.faces, near)
+    _smooth(nearest.astype(np.int32), values, known, surface, graph)
     _nearest_in_space(surface, values)
     return CompletedField(surface, known, values, seed, distance, lent)
 
@@ -151,14 +153,8 @@ def _with_other_components(
     return result
 
 
-def _ordered(free: Mask, distance: FloatArray) -> Index:
-    """Return the free samples, the nearest to what is known first: the shape gives the order."""
-    rows = np.flatnonzero(free)
-    return rows[np.argsort(distance[rows], kind="stable")]
-
-
 def _smooth(
-    rows: Index, values: FloatArray, known: FloatArray, surface: Shape, graph: Ragged
+    rows: IntArray, values: FloatArray, known: FloatArray, surface: Shape, graph: Ragged
 ) -> None:
     """Give samples the values that are smooth between those of all others, in place.
 

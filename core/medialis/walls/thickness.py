@@ -305,6 +305,7 @@ def thickness_without(
 
     `before` is the same with fewer samples left out: only what is near the others is completed.
     """
+    cloud.wall_angles  # noqa: B018 - computed once for all that are left out in turn
     measured = _diameters(cloud, samples, math.radians(options.min_spoke_angle))
     return None if measured is None else complete_again(before, *measured)
 
@@ -318,7 +319,7 @@ def _diameters(
         return None
     own = np.full(cloud.surface.point_count, np.nan)
     own[cloud.source[rows]] = 2.0 * cloud.radii[rows]
-    walls = rows[cloud.wall_angles[rows] >= angle]
+    walls = cloud.with_wall_angle(rows, angle)
     sizes = np.full(len(cloud), np.nan)
     sizes[walls] = 2.0 * cloud.radii[walls]
     values = field_on_surface(cloud, sizes, reduce="max")
