@@ -33,6 +33,7 @@ def run() -> int:
     from medialis.cli.commands import main
 
     code = main()
+    gc.freeze()  # the end of the interpreter looks twice for cycles, for .05 s
     _handle(signal.SIG_IGN)  # what is left is the end of the interpreter
     if code == EXIT_CANCELLED:
         # A thread may still be in a library's code, which must not see the interpreter end.

@@ -523,10 +523,8 @@ def mesh_of(layers: list[MeshLayer], views: list[FloatArray], lens: Lens) -> Mes
         normals = corner_normals(view, layer.faces, layer.smooth)
         colors = np.ascontiguousarray(layer.colors, np.float32)
         faces = frozen(layer.faces, np.int32)
-        part = planes[start:end]
-        for begin in range(0, len(layer.faces), FACES_A_CHUNK):
-            stop = min(begin + FACES_A_CHUNK, len(layer.faces))
-            fill_planes(begin, stop, view, faces, normals, colors, lens, part)
+        given = view, faces, normals, colors, lens, planes[start:end]
+        run_chunks(fill_planes, len(faces), FACES_A_CHUNK, *given)
         density[start:end] = -math.log1p(-min(layer.opacity, 0.999))
     return Mesh(planes, density)
 

@@ -22,9 +22,6 @@ from numpy.typing import NDArray
 from medialis.base._splat_kernels import edge
 from medialis.base.jit import kernel
 
-SPREAD = 4
-"""Triangles of up to so many rows and columns are looked up at once, whether a pixel is wanted."""
-
 NARROW = 4
 """Columns up to which all of a row are tried."""
 
@@ -124,28 +121,43 @@ def _row_span(e, slope, closed, col0, col1):
 
 
 @kernel
-def draw_depth_range(faces, screen, wanted, out_near, out_far):
-    """Draw triangles; near starts at +inf and far at -inf.
+def pick_faces(faces, cells, size, wanted, out_picked):
+    """List the triangles that may cover the center of a pixel; return how many they are.
 
-    With `wanted` (h, w) uint8, which `want_crossings` writes, only those that touch a wanted pixel:
-    what other pixels have then is nothing.
+    With `wanted` (h + 1, w + 1) int32, which `count_crossings` writes, only those with a wanted
+    pixel in their rows and columns. No branches: nobody can guess which these are.
     """
-    top = len(out_near) - 1
-    few = len(wanted) > 0
-    places, cells = screen.places, screen.cells
+    top, few, count = size - 1, len(wanted) > 0, 0
     for i in range(len(faces)):
         # Without signs no index is tried from the end: a third faster.
         a, b, c = np.uint32(faces[i, 0]), np.uint32(faces[i, 1]), np.uint32(faces[i, 2])
         ca, cb, cc = cells[a, 0], cells[b, 0], cells[c, 0]
         ra, rb, rc = cells[a, 1], cells[b, 1], cells[c, 1]
-        if ((ca == cb) & (ca == cc)) | ((ra == rb) & (ra == rc)):
-            continue
         col0, col1 = max((min(ca, cb, cc) + 1) >> 1, 0), min(max(ca, cb, cc) >> 1, top)
         row0, row1 = max((min(ra, rb, rc) + 1) >> 1, 0), min(max(ra, rb, rc) >> 1, top)
-        if row0 > row1 or col0 > col1:
-            continue
-        if few and row1 - row0 < SPREAD and col1 - col0 < SPREAD and wanted[row0, col0] == 0:
-            continue
+        keep = (row0 <= row1) & (col0 <= col1)
+        if few:
+            above, below = np.uint32(row0), np.uint32(row1 + 1)
+            left, right = np.uint32(col0), np.uint32(col1 + 1)
+            inside = wanted[below, right] - wanted[above, right]
+            keep &= inside != wanted[below, left] - wanted[above, left]
+        out_picked[count] = i
+        count += 1 if keep else 0
+    return count
+
+
+@kernel
+def draw_depth_range(faces, picked, screen, out_near, out_far):
+    """Draw the triangles of a list; near starts at +inf and far at -inf."""
+    top = len(out_near) - 1
+    places, cells = screen.places, screen.cells
+    for number in range(len(picked)):
+        i = np.uint32(picked[number])
+        a, b, c = np.uint32(faces[i, 0]), np.uint32(faces[i, 1]), np.uint32(faces[i, 2])
+        ca, cb, cc = cells[a, 0], cells[b, 0], cells[c, 0]
+        ra, rb, rc = cells[a, 1], cells[b, 1], cells[c, 1]
+        col0, col1 = max((min(ca, cb, cc) + 1) >> 1, 0), min(max(ca, cb, cc) >> 1, top)
+        row0, row1 = max((min(ra, rb, rc) + 1) >> 1, 0), min(max(ra, rb, rc) >> 1, top)
         xa, ya, xb, yb = places[a, 0], places[a, 1], places[b, 0], places[b, 1]
         xc, yc = places[c, 0], places[c, 1]
         za, zb, zc = places[a, 2], places[b, 2], places[c, 2]
@@ -264,11 +276,19 @@ def pixel_beside(near, row, column):
 
 
 @kernel
-def want_crossings(begin, column, near, wish, out_wanted):
-    """Write `wish` where a small triangle may begin that covers the pixel of a crossing."""
-    for row in range(len(begin) - 1):
+def count_crossings(box, begin, column, near, out_wanted):
+    """Write how many pixels of crossings lie in the rows before a row and the columns before one.
+
+    `out_wanted` (h + 1, w + 1) int32; what is outside the box, and not beside it, stays.
+    """
+    for col in range(box.left, box.right + 1):
+        out_wanted[box.first, col] = 0
+    for row in range(box.first, box.last):
+        for col in range(box.left, box.right + 1):
+            out_wanted[row + 1, col] = 0
         for i in range(begin[row], begin[row + 1]):
-            col = pixel_beside(near, row, column[i])
-            for r in range(max(row - SPREAD + 1, 0), row + 1):
-                for c in range(max(col - SPREAD + 1, 0), col + 1):
-                    out_wanted[r, c] = wish
+            out_wanted[row + 1, pixel_beside(near, row, column[i]) + 1] += 1
+        count = 0
+        for col in range(box.left, box.right + 1):
+            count += out_wanted[row + 1, col]
+            out_wanted[row + 1, col] = out_wanted[row, col] + count

@@ -26,7 +26,7 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
-from medialis.curves.from_views.drawing import Canvases, Rasterizer, rasterizer
+from medialis.curves.from_views.drawing import Canvases, Rasterizer, near_to_near, rasterizer
 from medialis.curves.from_views.linking import link_points, merge_to
 from medialis.curves.from_views.views import (
     CameraPair,
@@ -370,17 +370,20 @@ def _sharpen(
 
     usual = min(LONGEST_STEP, TRAVEL * cameras[0].size / len(cameras))
     steps = usual * (FIRST_STEP - FALL * (np.arange(len(cameras)) + 0.5) / len(cameras))
+    if len(points) == 0:
+        return points, weights
+    rows = near_to_near(points)  # so that the pixels of a view that are looked at are near, too
+    points, weights = points[rows], weights[rows]
     for begin in range(0, len(cameras), BATCH):
-        if len(points) == 0:
-            break
         progress.update(begin / len(cameras))
         some = slice(begin, begin + BATCH)
         views = packed.look(cameras[some], progress)
         alive = np.ones(len(points), bool)
         work = functools.partial(cull_and_sharpen, views, steps[some])
         run_chunks(work, len(points), POINTS_A_CHUNK, points, alive, progress=progress.still)
-        points, weights = points[alive], weights[alive]
-    return points, weights
+        points, weights, rows = points[alive], weights[alive], rows[alive]
+    order = np.argsort(rows)
+    return points[order], weights[order]
 
 
 @algorithm(ViewCurveSkeletonOptions, keep=False)
