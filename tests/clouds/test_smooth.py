@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 import closed_forms
 import medialis
 from medialis.base.progress import Progress
+from medialis.clouds._kernels import measure_flatness
 from medialis.clouds.quadrics import on_quadrics, within_scatter
 from medialis.clouds.smoothing import beside_surfaces, jitter
 
@@ -24,6 +25,26 @@ def rough():
     ball = closed_forms.icosphere(4)
     step = 1 + np.random.default_rng(3).normal(size=(ball.point_count, 1)) * LEVEL * ball.diagonal
     return medialis.make_shape(ball.points * step, ball.faces)
+
+
+def test_flatness_is_the_least_median_of_all_planes():
+    """Planes that cannot be the flattest are told by counting: the same as sorting for each."""
+    rng = np.random.default_rng(4)
+    points = rng.normal(size=(60, 3)) * [1.0, 1.0, 0.1]
+    near = np.argsort(np.linalg.norm(points[:, None] - points, axis=2), axis=1)[:, 1:21]
+    triples = np.array([rng.choice(21, 3, replace=False) for _ in range(30)])
+    found, radius = np.empty(60), np.empty(60)
+    rows = np.arange(60)
+    measure_flatness(points, near.astype(np.int32), rows, triples, found, radius)
+    places = np.concatenate([points[:, None], points[near]], axis=1) - points[:, None]
+    a, b, c = (places[:, triples[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    heights = (
+        np.einsum("rtc,rpc->rtp", normals, places) - np.einsum("rtc,rtc->rt", normals, a)[..., None]
+    )
+    wanted = np.median(np.abs(heights), axis=2).min(axis=1)
+    np.testing.assert_allclose(found, wanted, rtol=1e-9)
 
 
 def test_the_noise_of_a_mesh_is_measured_and_goes(rough):

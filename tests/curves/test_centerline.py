@@ -292,6 +292,25 @@ def test_sections_of_a_box_are_its_faces():
     assert np.isnan(outside).all()
 
 
+def test_the_innermost_outline_round_a_place_is_its_section():
+    """A bubble in a ball in a shell, of radii 1, 2 and 3; a ball beside them counts for nothing."""
+    balls = [(forms.icosphere(3), size, [0.0, 0.0, 0.0]) for size in (3.0, 2.0, 1.0)]
+    balls.append((forms.icosphere(3), 1.0, [5.0, 0.0, 0.0]))
+    points = np.concatenate([size * np.asarray(ball.points) + at for ball, size, at in balls])
+    faces = np.concatenate(
+        [ball.faces + k * ball.point_count for k, (ball, *_) in enumerate(balls)]
+    )
+    places = np.array([[0.0, 0.0, 0.1], [0.0, 1.5, 0.1], [0.0, 2.5, 0.1], [5.0, 0.2, 0.1]])
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    surface = medialis.Surface(points, faces)
+    found = sections(surface, places, normals, Progress.of(None))
+    # Round the bubble's own middle goes all; round places in the shells only what lies farther out.
+    radii = np.sqrt(np.array([1.0, 2.0, 3.0, 1.0]) ** 2 - 0.1**2)
+    # Chords of a sphere of 1,280 triangles: edges of .15 radii lie .15^2 / 8 inside.
+    assert found[:, 0] == pytest.approx(np.pi * radii**2, rel=0.012)
+    assert found[:, 1:] == pytest.approx(np.repeat(2.0 * radii[:, None], 2, axis=1), rel=0.006)
+
+
 def test_one_and_two_threads_give_the_same():
     points, faces = swept(BENT, 1.0, 16)
     one, two = (line_of(points, faces, threads=count) for count in (1, 2))

@@ -134,8 +134,9 @@ def test_a_wall_with_a_window_keeps_it():
     assert 4 <= len(found) <= 8  # four bars
 
 
-@pytest.mark.slow
-def test_what_is_convex_is_one_piece():
+def test_what_is_convex_is_one_piece(monkeypatch):
+    """Its hull: a box took .8 s, nearly all for a medial mesh, of which there is none here."""
+    monkeypatch.delattr("medialis.robots.convex_pieces.medial_mesh")
     points = np.array([[x, y, z] for x in (0, 3) for y in (0, 2) for z in (0, 1)], float)
     shape = medialis.make_shape(points, Hull.of(points).faces)
     found = medialis.convex_pieces(shape)
@@ -150,6 +151,18 @@ def test_one_piece_is_the_hull_and_is_warned_of(ring):
     assert len(found) == 1
     assert [m.code for m in progress.messages if m.code == "more_pieces"]
     assert found.pieces_to_surface > 0.045  # places in the hole are 0.05 from the nearest wall
+
+
+def test_a_hull_lists_what_no_plane_leaves_outside():
+    """As the plane equations tell of each place, for any slack."""
+    rng = np.random.default_rng(2)
+    hull, places = Hull.of(rng.normal(size=(40, 3))), rng.normal(size=(3000, 3))
+    above = (places @ hull.planes[:, :3].T + hull.planes[:, 3]).max(axis=1)
+    for slack in (-0.2, 0.0, 0.3):
+        boxed = (places >= hull.bounds[0] - slack) & (places <= hull.bounds[1] + slack)
+        wanted = np.flatnonzero((above <= slack) & boxed.all(axis=1))
+        assert 0 < len(wanted) < 3000
+        assert np.array_equal(hull.rows(places, slack), wanted)
 
 
 def test_points_left_out_of_a_hull_lie_near_it():

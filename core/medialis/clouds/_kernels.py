@@ -186,16 +186,29 @@ def _height(places, m, plane):
 
 
 @kernel
-def _median_distance(places, count, plane, distances):
-    """Median distance of the places to a plane, by sorting them in as they come."""
+def _median_distance(places, count, plane, most, distances):
+    """Median distance of the places to a plane, or `most` where it is not less.
+
+    Mostly it is not, which counting tells; else the lower half is sorted in as it comes.
+    """
+    near, half = 0, count // 2
     for m in range(count):
-        distance = abs(_height(places, m, plane))
-        at = m
+        distances[m] = abs(_height(places, m, plane))
+        near += distances[m] < most
+    if near <= half:
+        return most
+    sorted_in = 0
+    for m in range(count):
+        distance = distances[m]
+        if sorted_in > half and distance >= distances[half]:
+            continue
+        at = min(sorted_in, half)
         while at > 0 and distances[at - 1] > distance:
             distances[at] = distances[at - 1]
             at -= 1
         distances[at] = distance
-    return distances[count // 2]
+        sorted_in += 1
+    return distances[half]
 
 
 @kernel
@@ -216,7 +229,7 @@ def measure_flatness(points, near, rows, triples, out_scatter, out_radius):
         for t in range(len(triples)):
             if not _plane(places, triples[t], plane):
                 continue
-            best = min(best, _median_distance(places, count, plane, distances))
+            best = _median_distance(places, count, plane, best, distances)
         out_scatter[row] = best
         out_radius[row] = math.sqrt(total / max(count - 1, 1))
 

@@ -131,9 +131,6 @@ with them and .49 without, elk 124 .45 and .40, two seeds); with 30 a bug needs 
 LAST, STALE, GAIN = 6, 2, 0.99
 """How often the last fit is made, and how often without lowering the error below this share."""
 
-STILL = 1e-3
-"""Share of the error by which a last fit changes it that stands still: further ones do, too."""
-
 WORST = 600  # halved 43 %, doubled 43 %
 """Places beside the samples that join the fit in the end, where the error is large there."""
 
@@ -396,11 +393,10 @@ class Search:
         for k in range(max(1, min(LAST, LAST * MANY // self.balls))):
             start = self._mended(now.mesh)
             fit = Fit(start, now.target, DAMPING, self._still, now.watched)
-            before = now.error
             now = self._look(fit.run(PLANS["last" if k else "close"]), follower)
             since = 0 if now.error < GAIN * best.error else since + 1
             best = min(best, now, key=lambda one: one.error)
-            if since == STALE or (k and abs(now.error - before) < STILL * before):
+            if since == STALE:
                 break
         return best
 

@@ -211,11 +211,15 @@ def _as_one(shape: Shape, error: float) -> ConvexPieces | None:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """A convex hull: corners (k, 3), and planes (f, 4) of its triangles, outward."""
+    """A convex hull: corners (k, 3), and planes (f, 4) of its triangles, outward.
+
+    `vertices` (k,) and `simplices` (f, 3) are rows of the points that it was taken of.
+    """
 
     points: FloatArray
     planes: FloatArray
-    triangles: Index
+    simplices: Index
+    vertices: Index
 
     @classmethod
     def of(cls, points: FloatArray) -> Hull:
@@ -229,9 +233,15 @@ class Hull:
             found = ConvexHull(points)
         except QhullError:
             found = ConvexHull(points, qhull_options="QJ")
-        number = np.zeros(len(points), np.int64)
-        number[found.vertices] = np.arange(len(found.vertices))
-        return cls(points[found.vertices], found.equations, number[found.simplices])
+        planes = np.array(found.equations)
+        return cls(points[found.vertices], planes, found.simplices, found.vertices)
+
+    @cached_property
+    def triangles(self) -> Index:
+        """Its triangles, turned anyhow."""
+        number = np.zeros(int(self.vertices.max()) + 1, np.int64)
+        number[self.vertices] = np.arange(len(self.vertices))
+        return number[self.simplices]
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -262,16 +272,8 @@ class Hull:
         from medialis.robots._hull_kernels import list_within
 
         rows = np.empty(len(places), np.int64)
-        given = np.ascontiguousarray(places), self._outward, self._box, slack, rows
+        given = np.ascontiguousarray(places), self.points, self.planes, slack, rows
         return rows[: list_within(*given)]
-
-    @cached_property
-    def _box(self) -> FloatArray:
-        return np.stack(self.bounds)
-
-    @cached_property
-    def _outward(self) -> FloatArray:
-        return np.array(self.planes)
 
 
 WAYS = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))[:13]
@@ -281,14 +283,16 @@ def thinned(points: FloatArray, most: float) -> FloatArray:
     """Return some of the points; the others lie outside of their hull by no more than `most`."""
     corners = Hull.of(points).points
     along = corners @ WAYS.T
-    chosen = np.unique([along.argmin(axis=0), along.argmax(axis=0)])
-    while 4 <= len(chosen) < len(corners):
+    chosen = np.zeros(len(corners), np.bool_)
+    chosen[along.argmin(axis=0)] = chosen[along.argmax(axis=0)] = True
+    count = int(chosen.sum())
+    while 4 <= count < len(corners):
         planes = Hull.of(corners[chosen]).planes
         out = corners @ planes[:, :3].T + planes[:, 3]
-        farthest = np.unique(out.argmax(axis=0)[out.max(axis=0) > most])
-        if np.isin(farthest, chosen).all():
+        chosen[out.argmax(axis=0)[out.max(axis=0) > most]] = True
+        before, count = count, int(chosen.sum())
+        if count == before:
             return corners[chosen]
-        chosen = np.union1d(chosen, farthest)
     return corners
 
 
