@@ -407,3 +407,28 @@ def test_tiny_flat_and_simple_shapes_have_parts(shape):
     for refine in (0.1, 0.02):
         result = medialis.run("parts", shape, refine=refine)
         assert result.values["parts"] >= 1 and result.values["method"] == "auto"
+
+
+@pytest.mark.parametrize("size", [60, 400])
+def test_distances_within_a_radius_agree_with_scipy(size):
+    """All vertices are linked and links are no distances, so that each is reached again and again:
+    the lists are full many times over."""
+    from scipy.sparse import csr_array
+
+    from medialis.segments._kernels import Graph, far_from, near_sites
+
+    length = np.triu(np.random.default_rng(0).exponential(size=(size, size)) ** 8, 1)
+    length += length.T
+    matrix = csr_array(length)
+    given = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int32), matrix.data
+    radius, starts = 0.8 * float(dijkstra(matrix, indices=0).max()), np.array([3, 7], np.int32)
+    away, counts, gaps = np.full(size, np.inf), np.zeros(2, np.int64), np.array([0.0, radius / 9])
+    far_from(starts, Graph(*given), radius, away)
+    slow = dijkstra(matrix, indices=starts)
+    assert np.allclose(away, np.where(slow.min(axis=0) < radius, slow.min(axis=0), np.inf))
+    vertices, far = near_sites(0, 2, Graph(*given), starts, gaps, radius, counts)
+    for site, rows in enumerate(np.split(np.arange(counts.sum()), counts[:1])):
+        expected = slow[site] + gaps[site]
+        assert sorted(vertices[rows]) == np.flatnonzero(expected < radius).tolist()
+        assert np.allclose(far[rows], expected[vertices[rows]])
+    assert (slow < radius).any() and (slow > radius).any()

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._kernels import pop, push
 from medialis.base.jit import kernel
 
 STILL = 1e-3
@@ -25,6 +24,9 @@ size that it does not state; with a search radius of 5 % of the diagonal, this i
 
 VERTICES_A_SITE = 256
 """Room for the vertices of a cap, to begin with."""
+
+LISTS = 128
+"""Of vertices by how far they are, in a search: caps of dense meshes have 30 edges to a radius."""
 
 
 class Grid(NamedTuple):
@@ -54,11 +56,31 @@ class Grid(NamedTuple):
 
 
 class Graph(NamedTuple):
-    """Vertices (n, 3); the neighbours of v are neighbours[offsets[v]:offsets[v + 1]]."""
+    """Links of n vertices and their lengths; those of v are offsets[v] to offsets[v + 1]."""
 
-    points: NDArray[np.float64]
     offsets: NDArray[np.int64]
     neighbours: NDArray[np.int32]
+    lengths: NDArray[np.float64]
+
+
+class Waiting(NamedTuple):
+    """Entries of vertices that a search has reached, in lists by how far they are.
+
+    Attributes
+    ----------
+    heads : (lists,) int64
+        The first entry of each list, -1 for none.
+    far : (entries,) float64
+    vertices : (entries,) int32
+        -1 when its turn is over.
+    after : (entries,) int64
+        The entry behind each in its list, -1 for none.
+    """
+
+    heads: NDArray[np.int64]
+    far: NDArray[np.float64]
+    vertices: NDArray[np.int32]
+    after: NDArray[np.int64]
 
 
 class Caps(NamedTuple):
@@ -281,44 +303,124 @@ def choose_apart(places, distance, out_chosen):
 
 
 @kernel
+def measure_links(first, last, points, graph):
+    """Fill in the lengths of the links of the vertices first..last."""
+    for v in range(first, last):
+        for at in range(graph.offsets[v], graph.offsets[v + 1]):
+            w = graph.neighbours[at]
+            x = points[v, 0] - points[w, 0]
+            y = points[v, 1] - points[w, 1]
+            z = points[v, 2] - points[w, 2]
+            graph.lengths[at] = math.sqrt(x * x + y * y + z * z)
+
+
+@kernel
+def _room_for(graph):
+    """Return empty lists for `_search`: each vertex may stand in them twice, and those beside one.
+
+    Most of it is never written to, and takes no memory.
+    """
+    most = 0
+    for v in range(len(graph.offsets) - 1):
+        most = max(most, graph.offsets[v + 1] - graph.offsets[v])
+    room = 2 * len(graph.offsets) + most
+    heads = np.full(LISTS, -1)
+    return Waiting(heads, np.empty(room), np.empty(room, np.int32), np.empty(room, np.int64))
+
+
+@kernel
+def _enter(waiting, entry, far, vertex, radius):
+    """Enter a vertex into the list of those as far."""
+    heads, fars, vertices, after = waiting
+    number = min(int(far / radius * LISTS), LISTS - 1)
+    fars[entry], vertices[entry] = far, vertex
+    after[entry], heads[number] = heads[number], entry
+
+
+@kernel
+def _without_old(waiting, size, distance, radius):
+    """Enter anew all whose turn is to come, each once; returns how many entries there are."""
+    waiting.heads[:] = -1
+    count = 0
+    for entry in range(size):
+        far, v = waiting.far[entry], waiting.vertices[entry]
+        if v >= 0 and far == distance[v]:
+            _enter(waiting, count, far, v, radius)
+            count += 1
+    return count
+
+
+@kernel
+def _search(graph, radius, waiting, size, distance, out_reached):
+    """Find how far the vertices are that lie within a radius of those that wait, along edges.
+
+    Dijkstra's search with lists in the place of a heap: within one list vertices come in any order,
+    and again when they turn out nearer. `distance` comes with infinity but for those that wait.
+    Returns how many others are reached, and what they are; lists are empty then.
+    """
+    offsets, neighbours, lengths = graph
+    heads, fars, vertices, after = waiting
+    used = 0
+    for number in range(LISTS):
+        while heads[number] >= 0:
+            entry = heads[number]
+            heads[number] = -1
+            while entry >= 0:
+                here, v = fars[entry], vertices[entry]
+                vertices[entry], entry = -1, after[entry]
+                if here > distance[v]:
+                    continue
+                begin, end = offsets[v], offsets[v + 1]
+                if size + end - begin > len(fars):
+                    size, entry = _without_old(waiting, size, distance, radius), -1
+                for at in range(begin, end):
+                    w, length = neighbours[at], here + lengths[at]
+                    if length < radius and length < distance[w]:
+                        if distance[w] == np.inf:
+                            out_reached[used] = w
+                            used += 1
+                        distance[w] = length
+                        _enter(waiting, size, length, w, radius)
+                        size += 1
+    return used
+
+
+@kernel
 def near_sites(first, last, graph, starts, gaps, radius, out_count):
     """Return the vertices along edges within a radius of the sites first..last, and how far.
 
     Those of one site after those of another, `out_count` of each. A site lies `gaps` beside its
     vertex `starts`.
     """
-    points, offsets, neighbours = graph
-    used, distance = 0, np.full(len(points), np.inf)
-    room = VERTICES_A_SITE * (last - first)
+    n, room, used = len(graph.offsets) - 1, VERTICES_A_SITE * (last - first), 0
     vertex, far = np.empty(room, np.int32), np.empty(room)
-    keys, names = np.empty(len(neighbours) + 1), np.empty(len(neighbours) + 1, np.int32)
+    distance, reached, waiting = np.full(n, np.inf), np.empty(n, np.int32), _room_for(graph)
     for s in range(first, last):
-        begin = used
-        distance[starts[s]] = gaps[s]
-        size = push(keys, names, 0, gaps[s], starts[s])
-        while size > 0:
-            size = pop(keys, names, size)
-            v = names[size]
-            if keys[size] > distance[v]:
-                continue
-            if used == len(vertex):
-                vertex = np.concatenate((vertex, np.empty_like(vertex)))
-                far = np.concatenate((far, np.empty_like(far)))
-            vertex[used], far[used] = v, distance[v]
-            used += 1
-            for at in range(offsets[v], offsets[v + 1]):
-                w = neighbours[at]
-                x = points[v, 0] - points[w, 0]
-                y = points[v, 1] - points[w, 1]
-                z = points[v, 2] - points[w, 2]
-                length = distance[v] + math.sqrt(x * x + y * y + z * z)
-                if length < radius and length < distance[w]:
-                    distance[w] = length
-                    size = push(keys, names, size, length, w)
-        out_count[s] = used - begin
-        for k in range(begin, used):
-            distance[vertex[k]] = np.inf
+        reached[0], distance[starts[s]] = starts[s], gaps[s]
+        _enter(waiting, 0, gaps[s], starts[s], radius)
+        count = 1 + _search(graph, radius, waiting, 1, distance, reached[1:])
+        while used + count > len(vertex):
+            vertex = np.concatenate((vertex, np.empty_like(vertex)))
+            far = np.concatenate((far, np.empty_like(far)))
+        for k in range(count):
+            v = reached[k]
+            vertex[used + k], far[used + k], distance[v] = v, distance[v], np.inf
+        used += count
+        out_count[s] = count
     return vertex[:used].copy(), far[:used].copy()
+
+
+@kernel
+def far_from(starts, graph, radius, out_distance):
+    """Find how far vertices are from the nearest start along edges, within a radius.
+
+    `out_distance` comes with infinity, and keeps it beyond.
+    """
+    waiting, reached = _room_for(graph), np.empty(len(out_distance), np.int32)
+    for k in range(len(starts)):
+        out_distance[starts[k]] = 0.0
+        _enter(waiting, k, 0.0, starts[k], radius)
+    _search(graph, radius, waiting, len(starts), out_distance, reached)
 
 
 @kernel

@@ -40,6 +40,7 @@ from medialis.segments.sites import (
     Sites,
     all_placements,
     divide_sites,
+    edge_walk,
     join_tree,
     members_of,
     share_together,
@@ -292,7 +293,7 @@ def without_strips(surface: Shape, labels: IntArray, distance: float) -> IntArra
 
     Such as the ring where a shaft meets its head. The neighbour is as in `merge_small`.
     """
-    away = _from_borders(surface, labels, np.inf)
+    away = _from_borders(surface, labels, distance)
     farthest = np.zeros(int(labels.max(initial=-1)) + 1)
     known = labels >= 0
     np.maximum.at(farthest, labels[known], away[known])
@@ -302,16 +303,16 @@ def without_strips(surface: Shape, labels: IntArray, distance: float) -> IntArra
 
 def _from_borders(surface: Shape, labels: IntArray, limit: float) -> FloatArray:
     """Return how far each sample is from an edge between two parts, along edges; inf: farther."""
-    from scipy.sparse.csgraph import dijkstra
+    from medialis.segments._kernels import far_from
 
     i, j = surface.edges.T
     border = (labels[i] != labels[j]) & (labels[i] >= 0) & (labels[j] >= 0)
-    ends = np.unique(np.concatenate([i[border], j[border]]))
-    if len(ends) == 0:
-        return np.full(len(labels), np.inf)
-    links = surface.edge_matrix.tocoo()
-    links.data = np.linalg.norm(surface.points[links.row] - surface.points[links.col], axis=1)
-    return np.asarray(dijkstra(links.tocsr(), indices=ends, limit=limit, min_only=True))
+    ends, away = np.zeros(len(labels), bool), np.full(len(labels), np.inf)
+    ends[i[border]] = ends[j[border]] = True
+    if ends.any():
+        walk = edge_walk(surface.points, surface_graph(surface))
+        far_from(np.flatnonzero(ends).astype(np.int32), walk, limit, away)
+    return away
 
 
 class _Diffusion:

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,9 @@ from medialis.base.validation import FloatArray, IntArray, require_rows
 from medialis.shape.graph import nearest_seeds, surface_graph
 from medialis.shape.surface import Surface
 from medialis.skeleton.medial_cloud import MedialCloud
+
+if TYPE_CHECKING:
+    from medialis.segments._kernels import Graph
 
 SITES = 500  # halved 60 %, doubled 31 %
 """Each stands for 0.2 % of the surface, a fifth of the smallest part by default."""
@@ -193,23 +196,35 @@ def all_placements(
     frame, used = principal_axes(surface), np.flatnonzero(surface.used_points)
     side = APART_ACROSS * np.sqrt(surface.area / count)
     samples = np.concatenate([surface.points, side * cloud.surface.normals], axis=1)
-    tree = kd_tree(samples[used])
+    tree, walk = kd_tree(samples[used]), edge_walk(surface.points, surface_graph(cloud.surface))
     placed = []
     for placement in range(placements):
         places, normals = even_places(surface, count, placement, frame)
         if len(places):
             near = tree.query(np.concatenate([places, side * normals], axis=1))[1]
-            placed.append(_sites(cloud, surface, places, used[near].astype(np.int32)))
+            starts = used[near].astype(np.int32)
+            placed.append(_sites(cloud, surface, walk, places, starts))
     return placed
 
 
-def _sites(cloud: MedialCloud, surface: Surface, places: FloatArray, starts: IntArray) -> Sites:
+def edge_walk(points: FloatArray, graph: Ragged) -> Graph:
+    """Return a graph of n vertices with the lengths of its links."""
+    from medialis.segments._kernels import Graph, measure_links
+
+    walk = Graph(graph.offsets, graph.indices, np.empty(len(graph.indices)))
+    run_chunks(measure_links, len(points), FACES_A_CHUNK, points, walk)
+    return walk
+
+
+def _sites(
+    cloud: MedialCloud, surface: Surface, walk: Graph, places: FloatArray, starts: IntArray
+) -> Sites:
     """Measure the surface, of diagonal 1, round places with these nearest samples."""
     from scipy.sparse import csr_array, diags_array
 
     spacing = float(np.sqrt(surface.area / len(places)))
     gaps = np.linalg.norm(surface.points[starts] - places, axis=1)
-    caps = _caps(surface, surface_graph(cloud.surface), starts, gaps, CAP * spacing)
+    caps = _caps(surface, walk, starts, gaps, CAP * spacing)
     total = np.asarray(caps.sum(axis=1)).reshape(-1)
     shares = csr_array(diags_array(1.0 / np.where(total > 0, total, 1.0)) @ caps)
     area, every = surface.point_areas, np.arange(surface.point_count)
@@ -340,21 +355,18 @@ def _unit_surface(cloud: MedialCloud) -> Surface:
     return Surface.of_checked((surface.points - middle) / surface.diagonal, surface.faces)
 
 
-def _caps(
-    surface: Surface, graph: Ragged, starts: IntArray, gaps: FloatArray, radius: float
-) -> Any:
+def _caps(surface: Surface, walk: Graph, starts: IntArray, gaps: FloatArray, radius: float) -> Any:
     """Weight of each site in each sample, (n, s) sparse: (1 - (d / radius)^2)^2.
 
     A sample that no cap holds has its nearest site along the edges.
     """
     from scipy.sparse import csc_array, csr_array
 
-    from medialis.segments._kernels import Graph, near_sites
+    from medialis.segments._kernels import near_sites
 
     n, s = surface.point_count, len(starts)
     counts, rows = np.zeros(s, np.int64), np.zeros(s + 1, np.int64)
     found: list[Any] = [None] * -(-s // SITES_A_CHUNK)
-    walk = Graph(surface.points, graph.offsets, graph.indices)
 
     def search(begin: int, end: int) -> None:
         found[begin // SITES_A_CHUNK] = near_sites(begin, end, walk, starts, gaps, radius, counts)
@@ -369,6 +381,7 @@ def _caps(
         return caps
     site_of = np.full(n, -1)
     site_of[starts[::-1]] = np.arange(s)[::-1]
+    graph = Ragged(walk.offsets, walk.neighbours)
     seed = nearest_seeds(surface.points, graph, site_of >= 0)[0]
     rest = np.flatnonzero(alone & (seed >= 0))
     ones = (np.ones(len(rest)), (rest, site_of[seed[rest]]))
