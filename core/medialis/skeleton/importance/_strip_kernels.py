@@ -68,11 +68,18 @@ class Room(NamedTuple):
     ----------
     strips : (2, s) int64
         Half-edges that a path crosses; the first row is given.
-    ends : (4, s) int64
-        Vertex at the left and at the right end of each half-edge of the strip; then, for each bend,
-        at which half-edge and on which side: 0 left, 1 right.
-    flat : (4, s) float64
+    ends : (s, 2) int64
+        Vertex at the left and at the right end of each half-edge of the strip.
+    flat : (s, 4) float64
         Place in the plane of both these ends: x, y, x, y.
+    side : (s,) int64
+        Which of them the half-edge before does not have: 0 left, 1 right.
+    bends : (2, s) int64
+        At which half-edge the path bends and at which end: 0 left, 1 right.
+    places, at : (2 s + 3, 2) float64 and (2 s + 3,) int64
+        The vertices of the funnel, and at which half-edge each was first.
+    tips : (2,) int64
+        Where its left and its right side end there.
     turned : (w,) int64
         Half-edges round a vertex.
     near : (3, 3) float64
@@ -84,6 +91,11 @@ class Room(NamedTuple):
     strips: NDArray[np.int64]
     ends: NDArray[np.int64]
     flat: NDArray[np.float64]
+    side: NDArray[np.int64]
+    bends: NDArray[np.int64]
+    places: NDArray[np.float64]
+    at: NDArray[np.int64]
+    tips: NDArray[np.int64]
     turned: NDArray[np.int64]
     near: NDArray[np.float64]
     last: NDArray[np.int64]
@@ -92,9 +104,12 @@ class Room(NamedTuple):
 @kernel
 def make_room(faces):
     size = min(faces + 1, LONGEST_STRIP)
-    strips, ends = np.empty((2, size), np.int64), np.empty((4, size), np.int64)
+    strips, bends = np.empty((2, size), np.int64), np.empty((2, size), np.int64)
+    ends, side = np.empty((size, 2), np.int64), np.zeros(size, np.int64)
     turned, last = np.empty(WIDEST, np.int64), np.zeros(2, np.int64)
-    return Room(strips, ends, np.empty((4, size)), turned, np.empty((3, 3)), last)
+    flat, places, near = np.empty((size, 4)), np.empty((2 * size + 3, 2)), np.empty((3, 3))
+    at, tips = np.empty(2 * size + 3, np.int64), np.empty(2, np.int64)
+    return Room(strips, ends, flat, side, bends, places, at, tips, turned, near, last)
 
 
 @kernel
@@ -107,30 +122,35 @@ def _first_portal(points, a, b, start, ends, flat):
         ab += u * w
         bb += w * w
     size = math.sqrt(aa)
-    ends[0, 0], ends[1, 0] = b, a
-    flat[2, 0], flat[3, 0] = size, 0.0
+    ends[0, 0], ends[0, 1] = b, a
+    flat[0, 2], flat[0, 3] = size, 0.0
     if size > 0.0:
-        flat[0, 0], flat[1, 0] = ab / size, math.sqrt(max(aa * bb - ab * ab, 0.0)) / size
+        flat[0, 0], flat[0, 1] = ab / size, math.sqrt(max(aa * bb - ab * ab, 0.0)) / size
     else:
-        flat[0, 0], flat[1, 0] = 0.0, math.sqrt(bb)
+        flat[0, 0], flat[0, 1] = 0.0, math.sqrt(bb)
 
 
 @kernel
-def _unfold(walk, strip, count, start, ends, flat):
-    """Lay a strip into the plane, with the start at the origin; returns the place of the end."""
+def _unfold(walk, strip, first, count, start, room):
+    """Lay a strip into the plane, with the start at the origin; returns the place of the end.
+
+    The half-edges before the `first` lie there already.
+    """
     points, corners, twins, _, _ = walk
-    h = strip[0]
-    _first_portal(points, corners[h], corners[next_side(h)], start, ends, flat)
-    left, right = ends[0, 0], ends[1, 0]
-    lx, ly, rx, ry = flat[0, 0], flat[1, 0], flat[2, 0], flat[3, 0]
-    px, py, pz = points[left, 0], points[left, 1], points[left, 2]
-    qx, qy, qz = points[right, 0], points[right, 1], points[right, 2]
+    ends, flat, side = room.ends, room.flat, room.side
+    if first == 0:
+        h = strip[0]
+        _first_portal(points, corners[h], corners[next_side(h)], start, ends, flat)
+        first = 1
     x = y = 0.0
-    for k in range(count):
+    left, right = ends[first - 1, 0], ends[first - 1, 1]
+    k = first - 1
+    lx, ly, rx, ry = flat[k, 0], flat[k, 1], flat[k, 2], flat[k, 3]
+    for k in range(first - 1, count):
         c = corners[previous_side(twins[strip[k]])]
-        cx, cy, cz = points[c, 0], points[c, 1], points[c, 2]
-        ex, ey, ez = qx - px, qy - py, qz - pz
-        wx, wy, wz = cx - px, cy - py, cz - pz
+        px, py, pz = points[left, 0], points[left, 1], points[left, 2]
+        ex, ey, ez = points[right, 0] - px, points[right, 1] - py, points[right, 2] - pz
+        wx, wy, wz = points[c, 0] - px, points[c, 1] - py, points[c, 2] - pz
         ee = ex * ex + ey * ey + ez * ez
         along, high = ex * wx + ey * wy + ez * wz, 0.0
         if ee > 0.0:
@@ -142,11 +162,13 @@ def _unfold(walk, strip, count, start, ends, flat):
             break
         g = strip[k + 1]
         if corners[g] == right or corners[next_side(g)] == right:
-            left, lx, ly, px, py, pz = c, x, y, cx, cy, cz
+            left, lx, ly = c, x, y
+            side[k + 1] = 0
         else:
-            right, rx, ry, qx, qy, qz = c, x, y, cx, cy, cz
-        ends[0, k + 1], ends[1, k + 1] = left, right
-        flat[0, k + 1], flat[1, k + 1], flat[2, k + 1], flat[3, k + 1] = lx, ly, rx, ry
+            right, rx, ry = c, x, y
+            side[k + 1] = 1
+        flat[k + 1, 0], flat[k + 1, 1], flat[k + 1, 2], flat[k + 1, 3] = lx, ly, rx, ry
+        ends[k + 1, 0], ends[k + 1, 1] = left, right
     return x, y
 
 
@@ -157,43 +179,52 @@ def _left_of(ox, oy, ax, ay, bx, by):
 
 
 @kernel
-def _funnel(count, ends, flat, x, y):
-    """Length of the shortest path in a strip, and how many times it bends."""
-    ax = ay = length = 0.0
-    bends, k, at_left, at_right = 0, 1, 0, 0
-    lx, ly, rx, ry = flat[0, 0], flat[1, 0], flat[2, 0], flat[3, 0]
-    while k <= count:
-        nlx, nly, nrx, nry = x, y, x, y
+def _funnel(count, room, x, y):
+    """Length of the shortest path in a strip, and how many times it bends.
+
+    Both sides of the funnel stand in one row, the left one below its apex, the right one above. A
+    half-edge has one end that the one before does not have, which goes to the tip of its side, and
+    takes off there what lies behind it; where it lies behind the whole side and across the other
+    one, the path bends at that: it becomes the apex. So no half-edge is looked at twice.
+    """
+    flat, places, at, tips, bends = room.flat, room.places, room.at, room.tips, room.bends
+    apex, number, length = len(at) // 2, 0, 0.0
+    places[apex, 0], places[apex, 1] = 0.0, 0.0
+    for new in range(2):
+        tips[new] = apex + 2 * new - 1
+        places[tips[new], 0], places[tips[new], 1] = flat[0, 2 * new], flat[0, 2 * new + 1]
+        at[tips[new]] = 0
+    for k in range(1, count + 1):
+        new, px, py = 1, x, y  # the end, at last, as if it lay on the right
         if k < count:
-            nlx, nly, nrx, nry = flat[0, k], flat[1, k], flat[2, k], flat[3, k]
-        side = -1
-        if _left_of(ax, ay, rx, ry, nrx, nry) >= 0.0:
-            if _left_of(ax, ay, lx, ly, nrx, nry) <= 0.0:
-                rx, ry, at_right = nrx, nry, k
-            else:
-                side = 0
-        if side < 0 and _left_of(ax, ay, lx, ly, nlx, nly) <= 0.0:
-            if _left_of(ax, ay, rx, ry, nlx, nly) >= 0.0:
-                lx, ly, at_left = nlx, nly, k
-            else:
-                side = 1
-        k += 1
-        if side < 0:
-            continue
-        bend = at_left if side == 0 else at_right
-        bx, by = flat[2 * side, bend], flat[2 * side + 1, bend]
-        length += math.sqrt((bx - ax) ** 2 + (by - ay) ** 2)
-        ends[2, bends], ends[3, bends] = bend, side
-        bends += 1
-        ax, ay = bx, by
-        k = bend + 1
-        while k < count and ends[side, k] == ends[side, bend]:
-            k += 1
-        if k >= count:
-            break
-        lx, ly, rx, ry, at_left, at_right = flat[0, k], flat[1, k], flat[2, k], flat[3, k], k, k
-        k += 1
-    return length + math.sqrt((x - ax) ** 2 + (y - ay) ** 2), bends
+            new = room.side[k]
+            px, py = flat[k, 2 * new], flat[k, 2 * new + 1]
+        out = 2 * new - 1
+        tip, other = tips[new], tips[1 - new]
+        while tip != apex:
+            qx, qy = places[tip - out, 0], places[tip - out, 1]
+            if out * _left_of(qx, qy, places[tip, 0], places[tip, 1], px, py) < 0.0:
+                break
+            tip -= out
+        while tip == apex and other != apex:
+            qx, qy, rx, ry = places[apex, 0], places[apex, 1], 0.0, 0.0
+            rx, ry = places[apex - out, 0], places[apex - out, 1]
+            if out * _left_of(qx, qy, rx, ry, px, py) <= 0.0:
+                break
+            length += math.sqrt((rx - qx) ** 2 + (ry - qy) ** 2)
+            apex -= out
+            tip = apex
+            bends[0, number], bends[1, number] = at[apex], 1 - new
+            number += 1
+        tip += out
+        places[tip, 0], places[tip, 1], at[tip], tips[new] = px, py, k, tip
+    for tip in range(apex + 1, tips[1] + 1):
+        qx, qy, rx, ry = places[tip - 1, 0], places[tip - 1, 1], places[tip, 0], places[tip, 1]
+        length += math.sqrt((rx - qx) ** 2 + (ry - qy) ** 2)
+        if tip < tips[1]:
+            bends[0, number], bends[1, number] = at[tip], 1
+            number += 1
+    return length, number
 
 
 @kernel
@@ -244,67 +275,82 @@ def _rotation(vx, vy, ax, ay, bx, by, side):
 
 
 @kernel
-def _reroute(walk, strip, count, room, x, y, bends, out):
-    """Lead a strip round the other side of its bends where that is shorter; returns its size or -1.
+def _put_back(walk, strip, k, stop, written, out):
+    """Append strip[k..stop] to a strip without what leads there and back; its size, and before."""
+    while k < stop and written > 0 and walk.twins[out[written - 1]] == strip[k]:
+        written, k = written - 1, k + 1
+    for i in range(k, stop):
+        out[written + i - k] = strip[i]
+    return written + stop - k, written
 
-    Of two bends at the same half-edge only the first one is left out.
+
+@kernel
+def _reroute(walk, start, end, strip, count, room, x, y, bends, out):
+    """Lead a strip round the other side of its bends where that is shorter.
+
+    Of two bends at the same half-edge only the first one is left out. Returns the first half-edge
+    that is not as it was, the size of the new strip or -1, and whether it may touch an end.
     """
-    ends, flat, turned = room.ends, room.flat, room.turned
+    ends, flat, turned, corners = room.ends, room.flat, room.turned, walk.corners
     written = done = 0
-    changed = False
+    first, touching = -1, False
     old_x = old_y = 0.0
     for i in range(bends):
-        bend, side = ends[2, i], ends[3, i]
-        v, vx, vy = ends[side, bend], flat[2 * side, bend], flat[2 * side + 1, bend]
+        bend, side = room.bends[0, i], room.bends[1, i]
+        v, vx, vy = ends[bend, side], flat[bend, 2 * side], flat[bend, 2 * side + 1]
         next_x, next_y = x, y
         if i + 1 < bends:
-            at, row = ends[2, i + 1], 2 * ends[3, i + 1]
-            next_x, next_y = flat[row, at], flat[row + 1, at]
+            at, column = room.bends[0, i + 1], 2 * room.bends[1, i + 1]
+            next_x, next_y = flat[at, column], flat[at, column + 1]
         begin = stop = bend
-        while begin > 0 and ends[side, begin - 1] == v:
+        while begin > 0 and ends[begin - 1, side] == v:
             begin -= 1
-        while stop + 1 < count and ends[side, stop + 1] == v:
+        while stop + 1 < count and ends[stop + 1, side] == v:
             stop += 1
         before_x, before_y, old_x, old_y = old_x, old_y, vx, vy
         if begin < done:
             continue
         in_x = in_y = 0.0
         if begin > 0:
-            in_x, in_y = flat[2 * side, begin - 1], flat[2 * side + 1, begin - 1]
+            in_x, in_y = flat[begin - 1, 2 * side], flat[begin - 1, 2 * side + 1]
         out_x, out_y = x, y
         if stop + 1 < count:
-            out_x, out_y = flat[2 * side, stop + 1], flat[2 * side + 1, stop + 1]
+            out_x, out_y = flat[stop + 1, 2 * side], flat[stop + 1, 2 * side + 1]
         re, im = _rotation(vx, vy, before_x, before_y, in_x, in_y, side)
         re_end, im_end = _rotation(vx, vy, out_x, out_y, next_x, next_y, side)
         last = walk.twins[strip[stop]] // 3
         crossed = _other_side(walk, v, strip[begin], last, re, im, re_end, im_end, turned)
         if crossed == 0 or written + begin - done + crossed + count - stop > len(out):
             continue
-        for k in range(done, begin):
-            out[written] = strip[k]
-            written += 1
+        written, seam = _put_back(walk, strip, done, begin, written, out)
+        first = written if first < 0 else min(first, seam)
         for k in range(crossed):
-            out[written] = turned[k]
+            h = turned[k]
+            if written > 0 and walk.twins[out[written - 1]] == h:
+                written -= 1
+                first = min(first, written)
+                continue
+            out[written] = h
             written += 1
-        done, changed = stop + 1, True
-    for k in range(done, count):
-        if written == len(out):
-            return -1
-        out[written] = strip[k]
-        written += 1
-    return written if changed else -1
+            a, b = corners[h], corners[next_side(h)]
+            touching |= (a == start) | (a == end) | (b == start) | (b == end)
+        done = stop + 1
+    if first < 0 or written + count - done > len(out):
+        return 0, -1, False
+    written, seam = _put_back(walk, strip, done, count, written, out)
+    return min(first, seam), written, touching
 
 
 @kernel
 def _place_on(points, room, k, x, y, ux, uy, out):
     """Where the line through (x, y) in direction u crosses half-edge k of a strip."""
     ends, flat = room.ends, room.flat
-    right_x, right_y = flat[2, k] - x, flat[3, k] - y
-    along = ux * (flat[1, k] - flat[3, k]) - uy * (flat[0, k] - flat[2, k])
+    right_x, right_y = flat[k, 2] - x, flat[k, 3] - y
+    along = ux * (flat[k, 1] - flat[k, 3]) - uy * (flat[k, 0] - flat[k, 2])
     share = 0.0
     if along != 0.0:
         share = min(max(-(ux * right_y - uy * right_x) / along, 0.0), 1.0)
-    left, right = ends[0, k], ends[1, k]
+    left, right = ends[k, 0], ends[k, 1]
     for i in range(3):
         out[i] = points[right, i] + share * (points[left, i] - points[right, i])
 
@@ -312,13 +358,13 @@ def _place_on(points, room, k, x, y, ux, uy, out):
 @kernel
 def _next_to_ends(points, count, room, x, y, bends):
     """Write the points of a path next to its start and its end."""
-    ends, flat, near = room.ends, room.flat, room.near
+    flat, near = room.flat, room.near
     first_x, first_y, last_x, last_y = x, y, 0.0, 0.0
     if bends > 0:
-        at, row = ends[2, 0], 2 * ends[3, 0]
-        first_x, first_y = flat[row, at], flat[row + 1, at]
-        at, row = ends[2, bends - 1], 2 * ends[3, bends - 1]
-        last_x, last_y = flat[row, at], flat[row + 1, at]
+        at, column = room.bends[0, 0], 2 * room.bends[1, 0]
+        first_x, first_y = flat[at, column], flat[at, column + 1]
+        at, column = room.bends[0, bends - 1], 2 * room.bends[1, bends - 1]
+        last_x, last_y = flat[at, column], flat[at, column + 1]
     _place_on(points, room, 0, 0.0, 0.0, first_x, first_y, near[0])
     _place_on(points, room, count - 1, x, y, x - last_x, y - last_y, near[1])
 
@@ -326,28 +372,32 @@ def _next_to_ends(points, count, room, x, y, bends):
 @kernel
 def straighten(walk, start, end, count, room):
     """Length of a locally shortest path near the strip that the room holds."""
-    points = walk.points
-    strips, ends, flat, _, near, last = room
+    points, strips, near, last = walk.points, room.strips, room.near, room.last
     last[0] = 0
-    here, length, rounds = 0, math.inf, MOST_ROUNDS
+    here, length, rounds, first = 0, math.inf, MOST_ROUNDS, 0
     while count > 0:
         rounds -= 1
-        x, y = _unfold(walk, strips[here], count, start, ends, flat)
-        found, bends = _funnel(count, ends, flat, x, y)
+        x, y = _unfold(walk, strips[here], first, count, start, room)
+        found, bends = _funnel(count, room, x, y)
         gained = length - found
         length = min(length, found)
-        written = -1
+        written, touching = -1, False
         if bends > 0 and gained > LEAST_GAIN * length and rounds > 0:
-            written = _reroute(walk, strips[here], count, room, x, y, bends, strips[1 - here])
+            first, written, touching = _reroute(
+                walk, start, end, strips[here], count, room, x, y, bends, strips[1 - here]
+            )
         if written < 0:
             _next_to_ends(points, count, room, x, y, bends)
             last[0], last[1], near[2, 0], near[2, 1] = count, bends, x, y
             return length
-        here = 1 - here
-        begin, stop = trim(walk, start, end, strips[here], written)
-        count = stop - begin
-        for k in range(count):
-            strips[here, k] = strips[here, begin + k]
+        here, count = 1 - here, written
+        if touching:
+            begin, stop = trim(walk, start, end, strips[here], written)
+            count = stop - begin
+            if begin > 0:
+                first = 0
+            for k in range(count):
+                strips[here, k] = strips[here, begin + k]
     length = 0.0
     for i in range(3):  # both ends in one face
         near[0, i], near[1, i] = points[end, i], points[start, i]
@@ -359,7 +409,7 @@ def straighten(walk, start, end, count, room):
 def _across(normals, ends, k, there, place):
     """Write the unit vector across a path from one place to another at half-edge k; False: none."""
     u, v, w = place[0] - there[0], place[1] - there[1], place[2] - there[2]
-    left, right = ends[0, k], ends[1, k]
+    left, right = ends[k, 0], ends[k, 1]
     p = normals[left, 0] + normals[right, 0]
     q = normals[left, 1] + normals[right, 1]
     r = normals[left, 2] + normals[right, 2]
@@ -377,22 +427,22 @@ def write_trail(points, normals, room, trail):
     How long the path is to a place needs to be known to an edge length or so: it is that to the
     middle of the half-edge.
     """
-    _, ends, flat, _, near, last = room
+    ends, flat, near, last = room.ends, room.flat, room.near, room.last
     count, bends, number = last[0], last[1], len(trail)
     if count <= number + 1:
         return False
     bend, x, y, length, there = 0, 0.0, 0.0, 0.0, np.empty(3)
     for i in range(number):
         k = (i + 1) * count // (number + 1)
-        while bend < bends and ends[2, bend] < k:
-            at, row = ends[2, bend], 2 * ends[3, bend]
-            length += math.sqrt((flat[row, at] - x) ** 2 + (flat[row + 1, at] - y) ** 2)
-            x, y = flat[row, at], flat[row + 1, at]
+        while bend < bends and room.bends[0, bend] < k:
+            at, column = room.bends[0, bend], 2 * room.bends[1, bend]
+            length += math.sqrt((flat[at, column] - x) ** 2 + (flat[at, column + 1] - y) ** 2)
+            x, y = flat[at, column], flat[at, column + 1]
             bend += 1
         ahead_x, ahead_y = near[2, 0] - x, near[2, 1] - y
         if bend < bends:
-            at, row = ends[2, bend], 2 * ends[3, bend]
-            ahead_x, ahead_y = flat[row, at] - x, flat[row + 1, at] - y
+            at, column = room.bends[0, bend], 2 * room.bends[1, bend]
+            ahead_x, ahead_y = flat[at, column] - x, flat[at, column + 1] - y
         size = math.sqrt(ahead_x * ahead_x + ahead_y * ahead_y)
         if size == 0.0:
             return False
@@ -400,7 +450,7 @@ def write_trail(points, normals, room, trail):
         _place_on(points, room, max(k - SPAN, 0), x, y, ahead_x, ahead_y, there)
         if not _across(normals, ends, k, there, trail[i]):
             return False
-        middle_x, middle_y = flat[0, k] + flat[2, k], flat[1, k] + flat[3, k]
+        middle_x, middle_y = flat[k, 0] + flat[k, 2], flat[k, 1] + flat[k, 3]
         along = (0.5 * middle_x - x) * ahead_x + (0.5 * middle_y - y) * ahead_y
         trail[i, FAR] = length + along / size
     return True

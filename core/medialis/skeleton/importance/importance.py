@@ -258,6 +258,7 @@ def _traced(cloud: MedialCloud, directions: int, progress: Progress) -> Geodesic
     code = along_space(cloud.surface.points)[ends].T
     turned = (code[0] > code[1]) | ((code[0] == code[1]) & (ends[:, 0] > ends[:, 1]))
     opposite = _opposite_balls(cloud)
+    del code, pairs
     copies = turned & (opposite >= 0)
     rows = np.flatnonzero(~copies)
     once = np.where(turned[rows, None], ends[rows, ::-1], ends[rows])
@@ -265,10 +266,12 @@ def _traced(cloud: MedialCloud, directions: int, progress: Progress) -> Geodesic
     at = np.empty(len(cloud), np.int64)
     at[rows] = np.arange(len(rows))
     at[copies] = at[opposite[copies]]
+    length, status = paths.length[at], paths.status[at]
     first, last = paths.start_tangent[at], paths.end_tangent[at]
-    back = turned[:, None]
-    first, last = np.where(back, -last, first), np.where(back, -first, last)
-    return GeodesicPaths(paths.length[at], first, last, paths.status[at])
+    del paths, at
+    back = np.flatnonzero(turned)
+    first[back], last[back] = -last[back], -first[back]
+    return GeodesicPaths(length, first, last, status)
 
 
 def _opposite_balls(cloud: MedialCloud) -> Index:
