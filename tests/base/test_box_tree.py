@@ -6,6 +6,7 @@ import pytest
 from medialis.base._box_tree_kernels import FAN, LEAF
 from medialis.base._box_tree_kernels import test_children as _test_children
 from medialis.base.box_tree import build_box_tree
+from medialis.base.compiling import dispatcher_of
 from medialis.base.threads import thread_limit
 
 SIZES = [1, 2, 15, 16, 17, 31, 32, 33, 127, 128, 129, 130, 1025, 5000]
@@ -114,7 +115,7 @@ def test_masks_have_32_bits():
     and 2.1 with masks of 32 bits; for those of 2009 4.6 and 2.6.
     """
     numba = pytest.importorskip("numba")
-    test_children = numba.njit(_test_children.py_func)
+    test_children = dispatcher_of(_test_children)
     assert test_children(np.zeros((12, FAN), np.float32), 0.0, 0.0, 0.0, 1.0) == (1 << FAN) - 1
     (signature,) = test_children.nopython_signatures
     assert signature.return_type == numba.int32

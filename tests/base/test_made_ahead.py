@@ -232,7 +232,7 @@ def test_what_fits_no_variant_never_gets_to_the_code(monkeypatch):
     monkeypatch.setattr(group_keys, "dispatcher", None)  # another test may have had it compiled
     keys, ends = np.zeros(3, np.int64), np.zeros(3, np.int64)
     wrong = [
-        (keys.astype(np.int32), ends, np.zeros(3, np.int32)),
+        (keys.astype(np.int16), ends, np.zeros(3, np.int32)),
         (keys.astype(float), ends, np.zeros(3, np.int32)),
         (np.zeros(6, np.int64)[::2], ends, np.zeros(3, np.int32)),
         (keys.astype(">i8"), ends, np.zeros(3, np.int32)),

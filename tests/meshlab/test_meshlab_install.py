@@ -242,6 +242,6 @@ def test_a_user_without_a_home_folder_gets_one_sentence(monkeypatch, capsys):
 
 
 def test_without_the_package_of_the_plugin_the_command_says_how_to_get_it(monkeypatch, capsys):
-    monkeypatch.setattr("medialis.cli.commands.entry_points", lambda **_: ())
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda **_: ())
     assert main(["meshlab-install"]) == 2
     assert "pip install medialis-meshlab" in capsys.readouterr().err
