@@ -121,6 +121,10 @@ class Canvas(NamedTuple):
     top: int
 
 
+SPAN = 16
+"""Columns of a line whose largest depth is known: a ball that is behind it passes them at once."""
+
+
 @kernel
 def fill_bins(first, last, cursor, out_items):
     """List item i in the bins first[i]..last[i]; `cursor` holds each bin's next free slot."""
@@ -150,16 +154,29 @@ def pixel_range(low, high, begin, end):
 @kernel
 def splat_balls(items, balls, lens, begin, end, out):
     """Draw the balls `items` into rows begin..end."""
+    far = np.empty((end - begin, (out.depth.shape[1] + SPAN - 1) // SPAN))
+    for row in range(begin, end):
+        for span in range(far.shape[1]):
+            far[row - begin, span] = _farthest(out.depth, row - out.top, span)
     for i in items:
         row0, row1 = max(balls.boxes[i, 0], begin), min(balls.boxes[i, 1], end - 1)
         if lens.focal > 0:
             _perspective_ball(i, balls, lens, row0, row1, out)
         else:
-            _orthographic_ball(i, balls, lens, row0, row1, out)
+            _orthographic_ball(i, balls, lens, row0, row1, out, far[row0 - begin :])
 
 
 @kernel
-def _orthographic_ball(i, balls, lens, row0, row1, out):
+def _farthest(depth, line, span):
+    """Return the largest depth of a span of a line."""
+    result = -np.inf
+    for col in range(span * SPAN, min(span * SPAN + SPAN, depth.shape[1])):
+        result = max(result, depth[line, col])
+    return result
+
+
+@kernel
+def _orthographic_ball(i, balls, lens, row0, row1, out, far):
     # Depth at the offset (dx, dy) from the center: z - sqrt(r^2 - dx^2 - dy^2). It wins over the
     # depth d when z < d or when the root exceeds z - d, which mostly spares the square root.
     view, radius, boxes = balls.centers, balls.radii[i], balls.boxes
@@ -176,20 +193,31 @@ def _orthographic_ball(i, balls, lens, row0, row1, out):
         if row == center_row and boxes[i, 2] <= center_col <= boxes[i, 3]:
             # A ball between pixel centers still covers the pixel that it lies in.
             col0, col1 = min(col0, center_col), max(col1, center_col)
-        line = row - out.top
-        for col in range(col0, col1 + 1):
-            dx = (col + 0.5 - x) * unit
-            q = chord - dx * dx
-            if q < 0:
-                if row != center_row or col != center_col:
-                    continue
-                q = 0.0
-            gap = key - out_depth[line, col]
-            if gap < 0 or q > gap * gap:
-                depth = key - math.sqrt(q)
-                if depth < out_depth[line, col]:
-                    out_depth[line, col] = depth
-                    out_index[line, col] = i
+        line, farthest = row - out.top, far[row - row0]
+        for span in range(col0 // SPAN, col1 // SPAN + 1):
+            first, last = max(col0, span * SPAN), min(col1, span * SPAN + SPAN - 1)
+            # Of its pixels none has a larger root, and none a smaller gap.
+            dx = max((first + 0.5 - x) * unit, (x - (last + 0.5)) * unit, 0.0)
+            gap = key - farthest[span]
+            if gap >= 0 and chord - dx * dx <= gap * gap:
+                continue
+            nearer = False
+            for col in range(first, last + 1):
+                dx = (col + 0.5 - x) * unit
+                q = chord - dx * dx
+                if q < 0:
+                    if row != center_row or col != center_col:
+                        continue
+                    q = 0.0
+                gap = key - out_depth[line, col]
+                if gap < 0 or q > gap * gap:
+                    depth = key - math.sqrt(q)
+                    if depth < out_depth[line, col]:
+                        out_depth[line, col] = depth
+                        out_index[line, col] = i
+                        nearer = True
+            if nearer:
+                farthest[span] = _farthest(out_depth, line, span)
 
 
 @kernel
