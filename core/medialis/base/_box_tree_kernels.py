@@ -235,7 +235,7 @@ def bound_nodes(leaves, below, fan, first, last, out_bounds):
 
 @kernel
 def box_distance2(bound, j, fx, fy, fz):
-    """Squared distance of the box of child j; all float32."""
+    """Squared distance of the box of child j; all float32, or all float64."""
     zero = np.float32(0.0)
     ax, bx = bound[0, j] - fx, fx - bound[3, j]
     ay, by = bound[1, j] - fy, fy - bound[4, j]
@@ -453,17 +453,7 @@ def nearest_in_tree(first, last, tree, out_distance, out_near):
 def _measure_boxes(bound, x, y, z, out):
     """Squared distances to the boxes of eight children; infinite where there is none."""
     for j in range(FAN):
-        ax, bx = bound[0, j] - x, x - bound[3, j]
-        ay, by = bound[1, j] - y, y - bound[4, j]
-        az, bz = bound[2, j] - z, z - bound[5, j]
-        # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
-        dx = ax if ax > bx else bx
-        dy = ay if ay > by else by
-        dz = az if az > bz else bz
-        dx = dx if dx > 0.0 else 0.0
-        dy = dy if dy > 0.0 else 0.0
-        dz = dz if dz > 0.0 else 0.0
-        out[j] = dx * dx + dy * dy + dz * dz
+        out[j] = box_distance2(bound, j, x, y, z)
 
 
 @kernel

@@ -127,22 +127,11 @@ def cross_faces(points, faces, out_vectors):
 
 
 @kernel
-def scale_vectors(vectors, out_areas, out_units):
-    """Half the length of each vector, (m,), and its direction, (m, 3): zero without a length.
+def measure_faces(points, faces, height, out_areas, out_units, out_flat):
+    """Area (m,) and unit normal (m, 3) of each face, zero without an area, and whether it is flat.
 
-    `out_units` may be `vectors`.
+    That is where twice the area is at most `height` times the longest edge squared, (m,).
     """
-    for f in range(len(vectors)):
-        x, y, z = vectors[f, 0], vectors[f, 1], vectors[f, 2]
-        length = math.sqrt(x * x + y * y + z * z)
-        out_areas[f] = 0.5 * length
-        share = length if length > 0.0 else math.inf
-        out_units[f, 0], out_units[f, 1], out_units[f, 2] = x / share, y / share, z / share
-
-
-@kernel
-def measure_faces(points, faces, height, out_vectors, out_units, out_areas, out_flat):
-    """Do what `cross_faces`, `scale_vectors` and `find_flat_faces` do, in one pass."""
     for f in range(len(faces)):
         a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
         x, y, z = points[a, 0], points[a, 1], points[a, 2]
@@ -153,7 +142,6 @@ def measure_faces(points, faces, height, out_vectors, out_units, out_areas, out_
         longest = max(ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz)
         longest = max(longest, wx * wx + wy * wy + wz * wz)
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        out_vectors[f, 0], out_vectors[f, 1], out_vectors[f, 2] = x, y, z
         length = math.sqrt(x * x + y * y + z * z)
         out_areas[f] = 0.5 * length
         out_flat[f] = length <= height * longest
@@ -187,20 +175,6 @@ def measure_edges(points, edges, out_lengths):
         y = points[a, 1] - points[b, 1]
         z = points[a, 2] - points[b, 2]
         out_lengths[k] = math.sqrt(x * x + y * y + z * z)
-
-
-@kernel
-def find_flat_faces(points, faces, areas, height, out_flat):
-    """Whether twice the area of a face is at most `height` times its longest edge squared, (m,)."""
-    for f in range(len(faces)):
-        longest = 0.0
-        for j in range(3):
-            a, b = faces[f, j], faces[f, j - 1]
-            x = points[b, 0] - points[a, 0]
-            y = points[b, 1] - points[a, 1]
-            z = points[b, 2] - points[a, 2]
-            longest = max(longest, x * x + y * y + z * z)
-        out_flat[f] = 2 * areas[f] <= height * longest
 
 
 @kernel

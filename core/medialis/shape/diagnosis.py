@@ -606,7 +606,6 @@ def _lengths(lengths: FloatArray) -> dict[str, float]:
 def _diagnose_faces(surface: Surface) -> dict[str, Any]:
     faces = surface.faces
     assert faces is not None
-    surface.measure_faces()
     values: dict[str, Any] = {
         "duplicate_faces": _repeated(surface.topology.first_equal_face),
         "degenerate_faces": int(surface.flat_faces.sum()),

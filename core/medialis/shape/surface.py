@@ -261,38 +261,37 @@ class Surface(Bound):
     @cached_property
     def face_vectors(self) -> FloatArray:
         """Normal of each face times twice its area, (m, 3)."""
-        return frozen(_face_vectors(self), np.float64)
+        from medialis.shape._kernels import cross_faces
+
+        vectors = np.empty((self.face_count, 3))
+        if self.faces is not None:
+            cross_faces(self.points, self.faces, vectors)
+        return frozen(vectors, np.float64)
 
     @property
     def face_areas(self) -> FloatArray:
         """Area of each face, (m,)."""
-        return self._face_units[0]
+        return self._face_measures[0]
 
     @property
     def face_normals(self) -> FloatArray:
         """Unit normal of each face, (m, 3); zero where a face has no area."""
-        return self._face_units[1]
+        return self._face_measures[1]
 
-    @cached_property
-    def _face_units(self) -> tuple[FloatArray, FloatArray]:
-        from medialis.shape._kernels import scale_vectors
-
-        known = self.__dict__.get("face_vectors")
-        units = _face_vectors(self) if known is None else np.array(known)
-        areas = np.empty(len(units))
-        scale_vectors(units, areas, units)
-        return frozen(areas, np.float64), frozen(units, np.float64)
-
-    @cached_property
-    def flat_faces(self) -> NDArray[np.bool_]:
+    @property
+    def flat_faces(self) -> Mask:
         """True for faces with (nearly) no height, (m,), see `FLAT_HEIGHT`."""
-        if self.faces is None:
-            return frozen(np.zeros(0), np.bool_)
-        from medialis.shape._kernels import find_flat_faces
+        return self._face_measures[2]
 
-        flat = np.empty(self.face_count, np.bool_)
-        find_flat_faces(self.points, self.faces, self.face_areas, FLAT_HEIGHT, flat)
-        return frozen(flat, np.bool_)
+    @cached_property
+    def _face_measures(self) -> tuple[FloatArray, FloatArray, Mask]:
+        from medialis.shape._kernels import measure_faces
+
+        m = self.face_count
+        areas, units, flat = np.empty(m), np.empty((m, 3)), np.empty(m, np.bool_)
+        if self.faces is not None:
+            measure_faces(self.points, self.faces, FLAT_HEIGHT, areas, units, flat)
+        return frozen(areas, np.float64), frozen(units, np.float64), frozen(flat, np.bool_)
 
     @property
     def area(self) -> float:
@@ -326,7 +325,7 @@ class Surface(Bound):
         """Use what was measured of faces and edges of the same points, and `adopt` its topology."""
         same = self.adopt(known.topology).topology is known.topology
         if same and np.array_equal(self.points, known.points):
-            names = "_face_units", "face_vectors", "flat_faces", "edge_bends"
+            names = "_face_measures", "face_vectors", "edge_bends"
             self.__dict__.update({n: known.__dict__[n] for n in names if n in known.__dict__})
         return self
 
@@ -336,24 +335,12 @@ class Surface(Bound):
         own["edge_table"] = known.edge_table.turned(turned)
         names = "edges", "used_points", "components", "face_pieces", "first_equal_face", "is_solid"
         own.update({name: its[name] for name in names if name in its})
-        self.__dict__["flat_faces"] = known.flat_faces
         if turned.all():  # no minus before a zero
             vectors, units = (
                 frozen(0.0 - v, np.float64) for v in (known.face_vectors, known.face_normals)
             )
-            self.__dict__ |= {"face_vectors": vectors, "_face_units": (known.face_areas, units)}
-
-    def measure_faces(self) -> None:
-        """Find `face_vectors`, `face_areas`, `face_normals` and `flat_faces` in one pass."""
-        from medialis.shape._kernels import measure_faces
-
-        m = self.face_count
-        vectors, units = np.empty((m, 3)), np.empty((m, 3))
-        areas, flat = np.empty(m), np.empty(m, np.bool_)
-        measure_faces(self.points, self.faces, FLAT_HEIGHT, vectors, units, areas, flat)
-        self.__dict__["face_vectors"] = frozen(vectors, np.float64)
-        self.__dict__["_face_units"] = frozen(areas, np.float64), frozen(units, np.float64)
-        self.__dict__["flat_faces"] = frozen(flat, np.bool_)
+            measures = known.face_areas, units, known.flat_faces
+            self.__dict__ |= {"face_vectors": vectors, "_face_measures": measures}
 
     @property
     def edge_table(self) -> EdgeTable:
@@ -522,15 +509,6 @@ class Surface(Bound):
             closed[self.components[self.faces[:, 0]]] = True
             closed[self.components[table.ends[table.counts != 2, 0]]] = False
         return frozen(closed, np.bool_)
-
-
-def _face_vectors(surface: Surface) -> NDArray[np.float64]:
-    from medialis.shape._kernels import cross_faces
-
-    vectors = np.empty((surface.face_count, 3))
-    if surface.faces is not None:
-        cross_faces(surface.points, surface.faces, vectors)
-    return vectors
 
 
 def _nearest_others(tree: Any, points: FloatArray) -> FloatArray:

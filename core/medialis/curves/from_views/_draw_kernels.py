@@ -121,6 +121,16 @@ def _row_span(e, slope, closed, col0, col1):
 
 
 @kernel
+def _pixels_of(cells, a, b, c, top):
+    """Rows and columns, from and to, of the pixels whose center a triangle may cover."""
+    ca, cb, cc = cells[a, 0], cells[b, 0], cells[c, 0]
+    ra, rb, rc = cells[a, 1], cells[b, 1], cells[c, 1]
+    col0, col1 = max((min(ca, cb, cc) + 1) >> 1, 0), min(max(ca, cb, cc) >> 1, top)
+    row0, row1 = max((min(ra, rb, rc) + 1) >> 1, 0), min(max(ra, rb, rc) >> 1, top)
+    return row0, row1, col0, col1
+
+
+@kernel
 def pick_faces(faces, cells, size, wanted, out_picked):
     """List the triangles that may cover the center of a pixel; return how many they are.
 
@@ -131,10 +141,7 @@ def pick_faces(faces, cells, size, wanted, out_picked):
     for i in range(len(faces)):
         # Without signs no index is tried from the end: a third faster.
         a, b, c = np.uint32(faces[i, 0]), np.uint32(faces[i, 1]), np.uint32(faces[i, 2])
-        ca, cb, cc = cells[a, 0], cells[b, 0], cells[c, 0]
-        ra, rb, rc = cells[a, 1], cells[b, 1], cells[c, 1]
-        col0, col1 = max((min(ca, cb, cc) + 1) >> 1, 0), min(max(ca, cb, cc) >> 1, top)
-        row0, row1 = max((min(ra, rb, rc) + 1) >> 1, 0), min(max(ra, rb, rc) >> 1, top)
+        row0, row1, col0, col1 = _pixels_of(cells, a, b, c, top)
         keep = (row0 <= row1) & (col0 <= col1)
         if few:
             above, below = np.uint32(row0), np.uint32(row1 + 1)
@@ -154,10 +161,7 @@ def draw_depth_range(faces, picked, screen, out_near, out_far):
     for number in range(len(picked)):
         i = np.uint32(picked[number])
         a, b, c = np.uint32(faces[i, 0]), np.uint32(faces[i, 1]), np.uint32(faces[i, 2])
-        ca, cb, cc = cells[a, 0], cells[b, 0], cells[c, 0]
-        ra, rb, rc = cells[a, 1], cells[b, 1], cells[c, 1]
-        col0, col1 = max((min(ca, cb, cc) + 1) >> 1, 0), min(max(ca, cb, cc) >> 1, top)
-        row0, row1 = max((min(ra, rb, rc) + 1) >> 1, 0), min(max(ra, rb, rc) >> 1, top)
+        row0, row1, col0, col1 = _pixels_of(cells, a, b, c, top)
         xa, ya, xb, yb = places[a, 0], places[a, 1], places[b, 0], places[b, 1]
         xc, yc = places[c, 0], places[c, 1]
         za, zb, zc = places[a, 2], places[b, 2], places[c, 2]

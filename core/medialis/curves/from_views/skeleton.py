@@ -26,7 +26,7 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
-from medialis.curves.from_views.drawing import Canvases, Rasterizer, near_to_near, rasterizer
+from medialis.curves.from_views.drawing import Canvases, Rasterizer, rasterizer
 from medialis.curves.from_views.linking import link_points, merge_to
 from medialis.curves.from_views.views import (
     CameraPair,
@@ -43,6 +43,7 @@ from medialis.curves.from_views.views import (
     sphere_of,
 )
 from medialis.shape.shape import Shape
+from medialis.skeleton.importance.geodesics import along_space
 
 if TYPE_CHECKING:
     from medialis.curves.from_views._view_kernels import Views
@@ -372,7 +373,8 @@ def _sharpen(
     steps = usual * (FIRST_STEP - FALL * (np.arange(len(cameras)) + 0.5) / len(cameras))
     if len(points) == 0:
         return points, weights
-    rows = near_to_near(points)  # so that the pixels of a view that are looked at are near, too
+    # So that the pixels of a view that are looked at are near, too.
+    rows = np.argsort(along_space(points), kind="stable")
     points, weights = points[rows], weights[rows]
     for begin in range(0, len(cameras), BATCH):
         progress.update(begin / len(cameras))
