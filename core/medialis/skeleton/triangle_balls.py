@@ -92,9 +92,10 @@ class Walls:
         order, corners = np.empty(slots, np.int32), np.empty((slots, 3), np.int32)
         reliefs = np.empty((slots, 4))
         unit = shrink_options(shape.diagonal, 0.0, 0.0).unit
-        bulges = creases.bulges, creases.least_cosines
         out = order, corners, reliefs
-        kernels.fill_blocks(place, faces, leaf, first, *bulges, unit, out)
+        bulges = creases.bulges
+        kernels.fill_blocks(place, faces, leaf, first, bulges, creases.least_cosines, unit, out)
+        del bulges, place, leaf  # as large as the shape
         hulls = np.empty((blocks, kernels.ROWS, kernels.BLOCK), np.float32)
         run_chunks(kernels.fill_hulls, blocks, BLOCKS_A_CHUNK, tree.points, corners, hulls)
         bounds = np.empty_like(tree.bounds)
@@ -175,13 +176,11 @@ class Walls:
         given = balls, lengths, least, highest, self.hung
         run_chunks(shrink_to_triangles, len(order), SAMPLES_A_CHUNK, *given, progress=progress)
         touching = np.flatnonzero(face >= 0)
-        rows = order[touching]
+        rows, directions = order[touching], direction[touching]
         radii = radii[touching] * lengths.unit
         faces, weights = self.faces[face[touching]], places[touching]
-        own = shape.points[cloud.source[rows]]
-        contact = np.einsum("kj,kja->ka", weights, shape.points[np.asarray(shape.faces)[faces]])
-        radii = _within_cylinders(shape, faces, contact, own, direction[touching], radii)
-        return _touching_faces(cloud, rows, direction[touching], radii, faces, weights)
+        del balls, given, order, samples, signs, direction, face, places  # as large as the cloud
+        return _touching_faces(cloud, rows, directions, radii, faces, weights)
 
 
 def _leaves(points: FloatArray, corners: IntArray, first: NDArray[np.int64]) -> Leaves:
@@ -245,17 +244,22 @@ def _touching_faces(
     faces: IntArray,
     weights: FloatArray,
 ) -> MedialCloud:
-    """Return a cloud whose balls in some rows are tangent to their sample and touch a face."""
-    surface = cloud.surface
-    corners = np.asarray(surface.faces)[faces]
-    own = surface.points[cloud.source[rows]]
-    contact = np.einsum("ij,ija->ia", weights, surface.points[corners])
-    apart = np.linalg.norm(surface.points[corners] - contact[:, None], axis=2)
-    second = corners[np.arange(len(rows)), apart.argmin(axis=1)]
+    """Return a cloud whose balls in some rows are tangent to their sample and touch a face.
+
+    Of a face that is a chord of a cylinder they touch the cylinder.
+    """
+    surface, source = cloud.surface, cloud.source[rows]
+    corners, own = np.asarray(surface.faces)[faces], surface.points[source]
+    contact = np.einsum("kj,kja->ka", weights, surface.points[corners])
+    radii = _within_cylinders(surface, faces, contact, own, directions, radii)
+    apart = [np.linalg.norm(surface.points[corners[:, j]] - contact, axis=1) for j in range(3)]
+    second = corners[np.arange(len(rows)), np.argmin(apart, axis=0)]
+    del corners, apart
     centers = own - radii[:, None] * directions
-    features, status = np.stack([cloud.source[rows], second], axis=1), BallStatus.OK
+    features, status = np.stack([source, second], axis=1), BallStatus.OK
     balls = {"centers": centers, "radii": radii, "features": features, "status": status}
     angles = angles_between(directions, contact - centers)
+    del own, contact
     touching = {"contact_faces": faces, "contact_weights": weights}
     return cloud.with_rows(rows, **balls, spoke_angles=angles, **touching)
 

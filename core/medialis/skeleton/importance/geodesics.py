@@ -63,6 +63,9 @@ FOLLOWING_A_CHUNK = 1024  # halved 23 %, doubled 6 %
 FEW_PAIRS = 0.25
 """Share of the vertices: for more pairs the mesh is put in order first, for 3 % of their time."""
 
+PLACED_A_CHUNK = 1 << 14
+"""Vertices or faces that are put in order at a time."""
+
 SEARCHES_A_CHUNK = 16  # halved 0 %, doubled 0 %
 """Along edges."""
 
@@ -401,10 +404,11 @@ def cut_by_planes(
     shape: Shape, ends: IntArray, directions: int, progress: Progress, following: bool = False
 ) -> Paths:
     """Shortest plane cut of each pair, shortened."""
+    from medialis.shape._kernels import measure_edges
     from medialis.skeleton.importance._geodesic_kernels import OPEN, Search, trace_geodesics
     from medialis.skeleton.importance._walk_kernels import Paths
 
-    k, (starts, goals), named, normals = len(ends), ends.T, ends, shape.normals
+    k, starts, named, normals = len(ends), ends[:, 0], ends, shape.normals
     start, end, normal = (np.full((k, 3), np.nan) for _ in range(3))
     out = Paths(np.full(k, np.inf), start, end, normal, np.zeros(k, np.int8))
     walk = run_patiently(lambda: surface_walk(shape), progress)
@@ -413,6 +417,7 @@ def cut_by_planes(
         place, order, walk = run_patiently(lambda: along_curve(shape, walk), progress)
         named = np.where(ends < 0, ends, place[ends])
         normals, components = normals[order], components[order]
+        del place
     planes = math.ceil(directions / 2)
 
     def trace_all(rows: Index, limits: FloatArray, longest: FloatArray) -> None:
@@ -421,7 +426,8 @@ def cut_by_planes(
         run_chunks(trace_geodesics, len(rows), size, rows, walk, search, out, progress=progress)
 
     with progress.stage("geodesics", 0.0, 0.8):
-        straight = np.linalg.norm(shape.points[starts] - shape.points[goals], axis=1)
+        straight = np.empty(k)
+        measure_edges(shape.points, ends, straight)
         least = SHORT_SPACINGS * shape.spacing if following else 0.0
         order = run_patiently(
             lambda: np.argsort(along_space(shape.points)[starts], kind="stable"), progress
@@ -442,6 +448,8 @@ def along_curve(shape: Shape, walk: Walk) -> tuple[IntArray, Index, Walk]:
     Where they do not, as after a subdivision, each step waits for memory. What follows a vertex
     and what follows a face stays in its order, so that all paths are the same.
     """
+    from medialis.skeleton.importance._walk_kernels import Walk
+
     order = np.argsort(along_space(shape.points), kind="stable")
     place = np.empty(shape.point_count, np.int32)
     place[order] = np.arange(shape.point_count, dtype=np.int32)
@@ -451,21 +459,23 @@ def along_curve(shape: Shape, walk: Walk) -> tuple[IntArray, Index, Walk]:
     rank = np.empty(len(turn), np.int32)
     rank[turn] = np.arange(len(turn), dtype=np.int32)
 
+    twins, fan = np.empty((len(turn), 3), np.int32), np.empty_like(walk.fan)
+    offsets = np.concatenate([[0], np.cumsum(np.diff(walk.offsets)[order])])
+
     def side(old: IntArray) -> IntArray:
         face = old // 3
-        return np.where(old < 0, -1, 3 * rank[face] + (old - 3 * face)).astype(np.int32)
+        return np.where(old < 0, -1, old + 3 * (rank[face] - face))
 
-    twins = side(walk.twins).reshape(-1, 3)[turn].ravel()
-    offsets = np.concatenate([[0], np.cumsum(np.diff(walk.offsets)[order])])
-    fan = side(shape.fans.joined(order))
-    points = shape.points[order]
-    return (
-        place,
-        order,
-        walk._replace(
-            points=points, corners=corners[turn].ravel(), twins=twins, offsets=offsets, fan=fan
-        ),
-    )
+    def place_twins(begin: int, end: int) -> None:
+        twins[begin:end] = side(walk.twins.reshape(-1, 3)[turn[begin:end]])
+
+    def place_fans(begin: int, end: int) -> None:
+        fan[offsets[begin] : offsets[end]] = side(shape.fans.joined(order[begin:end]))
+
+    run_chunks(place_twins, len(turn), PLACED_A_CHUNK)
+    run_chunks(place_fans, len(order), PLACED_A_CHUNK)
+    points, corners = shape.points[order], corners[turn]
+    return place, order, Walk(points, corners.ravel(), twins.ravel(), offsets, fan)
 
 
 def along_space(points: FloatArray) -> Index:

@@ -258,14 +258,14 @@ def _traced(cloud: MedialCloud, directions: int, progress: Progress) -> Geodesic
     code = along_space(cloud.surface.points)[ends].T
     turned = (code[0] > code[1]) | ((code[0] == code[1]) & (ends[:, 0] > ends[:, 1]))
     opposite = _opposite_balls(cloud)
-    del code, pairs
     copies = turned & (opposite >= 0)
     rows = np.flatnonzero(~copies)
     once = np.where(turned[rows, None], ends[rows, ::-1], ends[rows])
-    paths = trace(cloud.surface, np.ascontiguousarray(once), directions, True, progress)
-    at = np.empty(len(cloud), np.int64)
+    at = np.empty(len(cloud), np.int32)
     at[rows] = np.arange(len(rows))
     at[copies] = at[opposite[copies]]
+    del code, pairs, ends, opposite, copies, rows  # as large as the cloud
+    paths = trace(cloud.surface, np.ascontiguousarray(once), directions, True, progress)
     length, status = paths.length[at], paths.status[at]
     first, last = paths.start_tangent[at], paths.end_tangent[at]
     del paths, at
