@@ -2,14 +2,17 @@
 
 import logging
 import pickle
+import platform
 import threading
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import closed_forms as forms
 import medialis
+from medialis.base import kept as memory
 from medialis.base.errors import Cancelled, InvalidOptionError
 from medialis.base.kept import DEFAULT_LIMIT, LIMIT_VARIABLE, Bound, _first_limit, kept
 from medialis.base.progress import Progress
@@ -354,3 +357,21 @@ def test_callbacks_are_not_kept(creature):
         del callback
         assert gone() is None
         assert medialis.kept_bytes() > 0
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="of the C library of Linux")
+def test_memory_freed_on_the_way_to_a_large_result_goes_back_to_the_system(monkeypatch):
+    def resident():
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS"))
+
+    monkeypatch.setattr(memory, "LARGE", 1000)
+    for size, is_given_back in ((100, False), (125, True)):
+        arrays = [np.ones(1 << 13) for _ in range(2000)]  # 128 MB; the last one stays on top
+        last = arrays.pop()
+        del arrays
+        before = resident()
+        with medialis.memory_limit(ROOM):
+            Computing(size)(Thing(), 0)
+        assert (before - resident() > 60_000) == is_given_back
+        assert last.all()

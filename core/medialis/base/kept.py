@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import sys
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
@@ -35,6 +36,11 @@ DEFAULT_LIMIT = 1 << 30
 """Bytes: all stages of a shape of a million samples, or of some twenty of 50,000."""
 
 LIMIT_VARIABLE = "MEDIALIS_KEPT_BYTES"
+
+LARGE = 1 << 28
+"""Bytes of a result, with what it refers to, from which on memory freed on the way to it goes back
+to the system: that of half a million samples. The C library of Linux keeps it by threads, and of a
+million samples a quarter of all memory was of no use to anybody."""
 
 _numbers = itertools.count()
 
@@ -79,6 +85,8 @@ class _Memory:
 
     def store(self, key: Hashable, value: Any, messages: tuple[Message, ...]) -> None:
         size = _lock_arrays(value)
+        if size >= LARGE:
+            give_back()
         with self._lock:
             self._entries[key] = value, messages
             self._entries.move_to_end(key)
@@ -252,6 +260,14 @@ def _arrays(value: Any, seen: set[int]) -> Iterator[np.ndarray[Any, Any]]:
             waiting.extend(one)
         elif hasattr(one, "__dict__") and not callable(one):
             waiting.extend(vars(one).values())
+
+
+def give_back() -> None:
+    """Let the C library give memory that is free back to the system, where it has a call for it."""
+    from ctypes import CDLL
+
+    if sys.platform == "linux" and hasattr(library := CDLL(None), "malloc_trim"):
+        library.malloc_trim(0)
 
 
 def _lock_arrays(value: Any) -> int:
