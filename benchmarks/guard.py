@@ -9,6 +9,10 @@ Both have a process of their own, and take turns. Times are processor seconds of
 shape in memory with nothing kept from another; `read` reads the file. U is the time of
 `cKDTree(points).query(points, k=2)`, build included. One is slower where its ratio is above the
 limit by more than the noise: three standard errors of the ratio of the two medians.
+
+Where this checkout has kernels made ahead, those that differ are made for the other commit too, by
+its own `build.py`, which takes minutes. Where that cannot be, numba compiles all on both sides:
+what it compiles is up to a fifth slower.
 """
 
 from __future__ import annotations
@@ -80,10 +84,10 @@ for line in sys.stdin:
 class Side:
     """A process that runs operations of the package in a folder."""
 
-    def __init__(self, package: Path) -> None:
+    def __init__(self, package: Path, kernels: str = "") -> None:
         self._process = subprocess.Popen(
             [sys.executable, "-W", "ignore", "-c", CHILD],
-            env=os.environ | {"PYTHONPATH": str(package)},
+            env=os.environ | {"PYTHONPATH": str(package), "MEDIALIS_KERNELS": kernels},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -130,7 +134,7 @@ def last_release() -> str:
 
 @contextmanager
 def package_of(commit: str) -> Iterator[Path]:
-    """Give the package of a commit, with kernels made ahead here: those that differ compile."""
+    """Give the package of a commit, with kernels made ahead here: `made_ahead` makes the others."""
     with tempfile.TemporaryDirectory() as folder:
         archive = Path(folder) / "sources.tar"
         git("archive", "--output", str(archive), commit, "core")
@@ -140,6 +144,15 @@ def package_of(commit: str) -> Iterator[Path]:
             if made.suffix in (".so", ".pyd", ".json") and there.parent.is_dir():
                 shutil.copy2(made, there)
         yield Path(folder) / "core"
+
+
+def made_ahead(package: Path) -> bool:
+    """Make the kernels of a package that are not as its sources; tell whether all are made."""
+    if not any((package / "medialis" / "base").glob("made-*.json")):
+        return False
+    words = [sys.executable, str(package / "kernel_library" / "build.py")]
+    environment = os.environ | {"PYTHONPATH": str(package)}
+    return subprocess.run(words, env=environment, check=False).returncode == 0
 
 
 def judged(before: list[float], now: list[float]) -> tuple[float, float]:
@@ -201,10 +214,15 @@ def main() -> int:
     parser.add_argument("--limit", type=float, default=LIMIT)
     given = parser.parse_args()
     commit = given.against or last_release()
-    print(f"Before: {git('log', '-1', '--format=%h %s', commit)}. Limit: {given.limit:g}.")
+    print(
+        f"Before: {git('log', '-1', '--format=%h %s', commit)}. Limit: {given.limit:g}.", flush=True
+    )
     fine = True
     with package_of(commit) as package, tempfile.TemporaryDirectory() as folder:
-        sides = [Side(package), Side(ROOT / "core")]
+        both = [package, ROOT / "core"]
+        kernels = "made ahead" if all(made_ahead(one) for one in both) else "compiled by numba"
+        print(f"Kernels on both sides: {kernels}.", flush=True)
+        sides = [Side(one, "" if kernels == "made ahead" else "numba") for one in both]
         try:
             for path in given.files or _written(Path(folder)):
                 fine &= compared(sides, path, given.operations, given.rounds, given.limit)

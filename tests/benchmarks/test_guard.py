@@ -1,4 +1,5 @@
 import subprocess
+from contextlib import nullcontext
 
 import guard
 import numpy as np
@@ -45,6 +46,45 @@ def test_what_is_slower_or_fails_now_is_told(tmp_path, capsys):
     told = capsys.readouterr().out
     assert "| parts | 2.0 | 2.4 | 1.20 | 0.00 | **slower** |" in told
     assert "| smooth | | | | | before it says no such operation |" in told
+
+
+def test_kernels_are_made_ahead_by_the_sources_of_a_package_or_compiled_on_both_sides(
+    tmp_path, capfd
+):
+    base, build = tmp_path / "medialis" / "base", tmp_path / "kernel_library" / "build.py"
+    base.mkdir(parents=True)
+    build.parent.mkdir()
+    build.write_text("import os, sys\nprint('built for', os.environ['PYTHONPATH'])\nsys.exit(0)")
+    assert not guard.made_ahead(tmp_path)  # of a checkout without any, none are made
+    (base / "made-any.json").touch()
+    assert guard.made_ahead(tmp_path)
+    assert capfd.readouterr().out == f"built for {tmp_path}\n"
+    build.write_text("raise SystemExit('no C compiler')")
+    assert not guard.made_ahead(tmp_path)
+    build.unlink()
+    assert not guard.made_ahead(tmp_path)
+
+
+@pytest.mark.parametrize("made", [True, False])
+def test_both_sides_have_kernels_of_one_kind(sample, made, monkeypatch):
+    kinds = []
+
+    class Told(Timed):
+        def __init__(self, package, kernels):
+            super().__init__({"read": 1.0})
+            kinds.append(kernels)
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(guard, "git", lambda *words: "a commit")
+    monkeypatch.setattr(guard, "package_of", lambda commit: nullcontext(sample.parent))
+    monkeypatch.setattr(guard, "made_ahead", lambda package: made or package != sample.parent)
+    monkeypatch.setattr(guard, "Side", Told)
+    words = ["guard.py", "--against", "HEAD", "--files", str(sample), "--operations", "read"]
+    monkeypatch.setattr("sys.argv", words)
+    assert guard.main() == 0
+    assert kinds == (["", ""] if made else ["numba", "numba"])
 
 
 @pytest.mark.slow
