@@ -243,14 +243,14 @@ class CurveSkeleton(Bound):
         """Number of edges at each node, (v,)."""
         return frozen(np.bincount(self.edges.ravel(), minlength=len(self.nodes)), np.int32)
 
-    @property
-    def neighbours(self) -> list[list[int]]:
+    @cached_property
+    def neighbours(self) -> tuple[tuple[int, ...], ...]:
         """Nodes at the other ends of the edges of each node, in the order of the edges."""
         near: list[list[int]] = [[] for _ in range(len(self.nodes))]
         for a, b in self.edges.tolist():
             near[a].append(b)
             near[b].append(a)
-        return near
+        return tuple(map(tuple, near))
 
     @property
     def junctions(self) -> IntArray:

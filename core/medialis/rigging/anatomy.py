@@ -138,7 +138,7 @@ def mirror_plane(points: FloatArray, normal: FloatArray, offset: float) -> Plane
     """
     size = float(np.ptp(points, axis=0).max())
     some = points[:: max(len(points) // 3000, 1)]
-    tree = kd_tree(points)
+    tree = kd_tree(points, near=False)
     plane = Plane(normal, offset)
     for _ in range(12):
         apart, near = tree.query(plane.image(some))

@@ -20,6 +20,7 @@ Sheets: each sample belongs to the sheet of its ball.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -205,7 +206,7 @@ def _cores(graph: CurveSkeleton, width: FloatArray) -> IntArray:
 
 
 def _stretch(
-    places: list[list[float]], near: list[list[int]], start: int, radius: float
+    places: list[list[float]], near: Sequence[Sequence[int]], start: int, radius: float
 ) -> tuple[list[int], list[int]]:
     """Nodes of the stretch round a node that lies in a ball, and the first ones outside."""
     stretch, rim, waiting = {start}, set(), [start]
