@@ -198,6 +198,14 @@ def _outward(
 
 TETRAHEDRA, CUTS = _tetrahedra(), _cuts()
 
+MASKS = (np.arange(256)[:, None] >> 7 - TETRAHEDRA.reshape(1, -1) & 1).reshape(256, -1, 4)
+MASKS = (MASKS @ [1, 2, 4, 8]).astype(np.uint8)
+"""Masks (256, 6) of the tetrahedra of a cell, by the signs of its corners, first one highest."""
+
+WAYS = 15
+"""Ways from a corner along the edges of tetrahedra, and the corner itself: numbers of corners of a
+cell differ by -7 to 7, in the order of the corners of the grid."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class EnvelopeSurfaceOptions(Options):
@@ -312,8 +320,8 @@ def _moved(
 
 
 def _handles(surface: Surface) -> int:
-    """Count the handles of a closed surface, over all its pieces."""
-    euler = surface.point_count - len(surface.edges) + surface.face_count
+    """Count the handles of a closed surface, over all its pieces: every edge has two faces."""
+    euler = surface.point_count - surface.face_count // 2
     return surface.part_count - euler // 2
 
 
@@ -410,18 +418,34 @@ def _crossed(
 
 
 def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatArray, IntArray]:
-    """Return the vertices and triangles where the values change sign in cells (c, 8)."""
-    tetrahedra = cells[:, TETRAHEDRA].reshape(-1, 4)
-    inside = values[tetrahedra] < 0
-    mask = inside @ np.array([1, 2, 4, 8])
-    parts = []
+    """Return the vertices and triangles where the values change sign in cells (c, 8).
+
+    A vertex is named by its inside corner and the way to the outside one, of which there are
+    `WAYS`: a table of all corners numbers them in order, without sorting.
+    """
+    signs = np.packbits((values < 0)[cells], axis=1)[:, 0]
+    crossed = np.flatnonzero((signs != 0) & (signs != 255))
+    cells, masks = cells[crossed], MASKS[signs[crossed]].ravel()
+    order = np.argsort(masks, kind="stable")
+    starts = np.searchsorted(masks[order], np.arange(len(CUTS) + 1))
+    inner, outer = [np.zeros((0, 3), np.int64)], [np.zeros((0, 3), np.int64)]
     for case, triangles in enumerate(CUTS):
-        rows = tetrahedra[mask == case]
-        parts += [np.stack([rows[:, list(edge)] for edge in t], axis=1) for t in triangles]
-    ends = np.concatenate(parts).reshape(-1, 2)  # inside end, outside end
-    keys = ends[:, 0] * len(values) + ends[:, 1]
-    _, first, faces = np.unique(keys, return_index=True, return_inverse=True)
-    a, b = ends[first].T
+        at, tetrahedron = np.divmod(order[starts[case] : starts[case + 1]], len(TETRAHEDRA))
+        for triangle in triangles:
+            corners = TETRAHEDRA[tetrahedron][:, np.array(triangle)]
+            inner.append(8 * at[:, None] + corners[:, :, 0])
+            outer.append(8 * at[:, None] + corners[:, :, 1])
+    i, k = np.concatenate(inner).ravel(), np.concatenate(outer).ravel()
+    inside, outside = cells.ravel()[i], cells.ravel()[k]
+    keys = WAYS * inside + k - i + WAYS // 2
+    used = np.zeros(WAYS * len(values), bool)
+    used[keys] = True
+    vertices = np.flatnonzero(used)
+    number = np.empty(len(used), np.int32)
+    number[vertices] = np.arange(len(vertices))
+    faces = number[keys]
+    a, b = vertices // WAYS, np.empty(len(vertices), np.int64)
+    b[faces] = outside
     share = values[a] / (values[a] - values[b])
     points = grid[a] + share[:, None] * (grid[b] - grid[a])
-    return points, faces.reshape(-1, 3).astype(np.int32)
+    return points, faces.reshape(-1, 3)

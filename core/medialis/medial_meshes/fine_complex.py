@@ -17,7 +17,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -105,6 +106,14 @@ class FineComplex:
     samples: Samples
     pole: Index
     betti: tuple[int, int, int]
+
+    @cached_property
+    def _tree(self) -> Any:
+        return kd_tree(self.balls[:, :3])
+
+    def nearest(self, places: FloatArray) -> FloatArray:
+        """Return the ball whose center is nearest to each place (q, 3), (q, 4)."""
+        return self.balls[self._tree.query(places)[1]]
 
 
 More = Callable[[Solid, float], tuple[FloatArray, FloatArray]]

@@ -12,7 +12,6 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from medialis.base.arrays import kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, length, whole
@@ -267,8 +266,8 @@ class Search:
         lost = outside[base.bounds.nearest(balls[outside, :3])[0] > balls[outside, 3]]
         if len(lost) == 0:
             return start
-        balls, fine = balls.copy(), base.fine.balls
-        balls[lost] = fine[kd_tree(fine[:, :3]).query(balls[lost, :3])[1]]
+        balls = balls.copy()
+        balls[lost] = base.fine.nearest(balls[lost, :3])
         return Complex(balls, start.edges, start.faces)
 
     def _measured(

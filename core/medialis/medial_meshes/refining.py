@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from medialis.base.arrays import Index, kd_tree
+from medialis.base.arrays import Index
 from medialis.base.validation import FloatArray
 from medialis.medial_meshes.distances import boundary_points
 from medialis.medial_meshes.envelope import Envelope
@@ -303,9 +303,8 @@ class Hollows:
 
     def faults(self, places: FloatArray) -> Fault:
         """Return faults at such places, each with the fine ball nearest to it."""
-        points, balls = places[:, :3], self.fine.balls
-        nearest = kd_tree(balls[:, :3]).query(points)[1]
-        return Fault(points, self.surface.nearest(points)[0], balls[nearest], points)
+        points = places[:, :3]
+        return Fault(points, self.surface.nearest(points)[0], self.fine.nearest(points), points)
 
 
 def _worst(values: FloatArray, least: float) -> Index:

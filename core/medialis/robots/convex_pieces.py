@@ -19,7 +19,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -168,15 +168,19 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
     >>> 1 < len(found) < 10, found.pieces_to_surface < 0.05 * medialis.organic_shape(56).diagonal
     (True, True)
     """
-    one = _as_one(shape, options.error)
-    if one is not None:
-        return one
+    cut = None
+    if shape.faces is not None and shape.diagonal > 0.0:
+        middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
+        points, faces, _ = without_holes((shape.points - middle) / scale, shape.faces)
+        cut = _Cut.of(Solid(points, faces), options.error)
+        one = _as_one(cut)
+        if one is not None:
+            return _measured(cut, [one], middle, scale)
     with progress.stage("medial mesh", 0.0, 0.4):
         given = MedialMeshOptions(balls=BALLS, quality="fast", denoise="off")
         mesh = medial_mesh.of(shape, given, progress.still)
-    solid, middle, scale = _solid(shape)
+    assert cut is not None  # else a medial mesh is refused
     with progress.stage("groups", 0.4, 0.5):
-        cut = _Cut.of(solid, options.error)
         cut.group(mesh.complex.placed(1.0, -middle).placed(1.0 / scale, np.zeros(3)), progress)
     with progress.stage("pieces", 0.5, 0.9):
         hulls = _few(cut, options, progress)
@@ -184,29 +188,16 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
         return _measured(cut, hulls, middle, scale)
 
 
-def _solid(shape: Shape) -> tuple[Solid, FloatArray, float]:
-    """Return the solid at diagonal 1, small holes closed, and the middle and size of the shape."""
-    assert shape.faces is not None
-    middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
-    points, faces, _ = without_holes((shape.points - middle) / scale, shape.faces)
-    return Solid(points, faces), middle, scale
-
-
-def _as_one(shape: Shape, error: float) -> ConvexPieces | None:
-    """Return the hull of a closed shape where that sticks out by no more than the error."""
-    if shape.faces is None or shape.diagonal == 0.0:
-        return None
-    solid, middle, scale = _solid(shape)
+def _as_one(cut: _Cut) -> Hull | None:
+    """Return the hull of a closed solid where that sticks out by no more than the error."""
+    solid, error = cut.solid, cut.error
     volume = enclosed_volume(solid.points, solid.faces)
     if not solid.whole or volume < error**3:
         return None
     hull = Hull.of(thinned(solid.points, THINNED**2 * error))
     if hull.volume > volume + LAYER * error * solid.surface.area:
         return None
-    cut = _Cut.of(solid, error)
-    if len(hull.rows(cut.shell(error))) or len(cut.beyond(hull, error)):
-        return None
-    return _measured(cut, [hull], middle, scale)
+    return None if cut.too_far(hull, cut.shell(error)) else hull
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,8 +224,10 @@ class Hull:
             found = ConvexHull(points)
         except QhullError:
             found = ConvexHull(points, qhull_options="QJ")
-        planes = np.array(found.equations)
-        return cls(points[found.vertices], planes, found.simplices, found.vertices)
+        on = np.zeros(len(points), np.bool_)
+        on[found.simplices] = True
+        vertices = on.nonzero()[0]
+        return cls(points[vertices], np.array(found.equations), found.simplices, vertices)
 
     @cached_property
     def triangles(self) -> Index:
@@ -332,7 +325,7 @@ class _Cut:
     """A solid of diagonal 1 whose surface is cut into small triangles.
 
     `corners` (t, 4, 3) has the triangles, each with its foot, which is its middle before
-    `group`; `middles` (t, 3), `normals` (t, 3).
+    `group`; `middles` (t, 3), `normals` (t, 3). `shells` are those that were asked for.
     """
 
     solid: Solid
@@ -342,6 +335,7 @@ class _Cut:
     normals: FloatArray
     groups: list[_Group]
     neighbours: list[set[int]]
+    shells: dict[float, FloatArray] = field(default_factory=dict)
 
     @classmethod
     def of(cls, solid: Solid, error: float) -> _Cut:
@@ -370,7 +364,8 @@ class _Cut:
         shell = self.shell(self.error)
         while waiting:
             group = waiting.pop()
-            if group.depth < HALVINGS and group.halves and self.too_far(group, shell):
+            halved = group.depth < HALVINGS and group.halves
+            if halved and self.too_far(Hull.of(group.corners), shell):
                 waiting += group.halves
                 continue
             self.groups.append(_Group(self, group.rows, len(self.groups)))
@@ -379,6 +374,12 @@ class _Cut:
 
     def shell(self, error: float) -> FloatArray:
         """Return places that lie outside, about as far away as hulls may stick out."""
+        if error not in self.shells:
+            self.shells[error] = self._shell(error)
+        return self.shells[error]
+
+    def _shell(self, error: float) -> FloatArray:
+        """Compute them."""
         far = LEVEL * error
         on = np.concatenate([self.middles[:, None], self.corners[:, :3]], axis=1)
         places = (on + far * self.normals[:, None]).reshape(-1, 3)
@@ -398,9 +399,8 @@ class _Cut:
         grid = grid[~self.solid.contains(grid)]
         return grid, self.solid.wall_tree.distances(grid)[0]
 
-    def too_far(self, group: _Group, shell: FloatArray) -> bool:
-        """Tell whether a group sticks out by more than the error."""
-        hull = Hull.of(group.corners)
+    def too_far(self, hull: Hull, shell: FloatArray) -> bool:
+        """Tell whether a hull sticks out by more than the error."""
         return bool(len(hull.rows(shell)) or len(self.beyond(hull, self.error)))
 
     def beyond(self, hull: Hull, error: float) -> FloatArray:
