@@ -9,6 +9,7 @@ view: pictures made anew cost as much as what is drawn into them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +17,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from medialis.base.arrays import Described
 from medialis.base.errors import InvalidShapeError
@@ -32,13 +32,14 @@ from medialis.curves.from_views.views import (
     View,
     check_border,
     skeletonize,
+    sphere_of,
 )
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton.importance.geodesics import along_space
 
 if TYPE_CHECKING:
-    from medialis.curves.from_views._draw_kernels import Box
+    from medialis.curves.from_views._draw_kernels import Box, Screen
 
 DISC_NEIGHBOUR = 12
 """The radius of the disc of a sample is the distance to its neighbour of this rank: discs overlap,
@@ -46,8 +47,6 @@ also where samples are irregular (checked on random samples of a sphere and a to
 
 WIDEST_DISC = 4.0
 """Usual discs: an isolated sample must not become a plate."""
-
-NOTHING_WANTED = np.empty((0, 0), np.int32)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,41 +145,42 @@ class Canvas:
     """
 
     def __init__(self, triangles: Rasterizer, size: int) -> None:
-        from medialis.curves.from_views._draw_kernels import Screen
+        from medialis.curves.from_views._draw_kernels import Box
 
         triangles, n = triangles.ordered, len(triangles.points)
         self.size, self._triangles, self.scratch = size, triangles, Scratch(size)
-        self._screen = Screen(np.empty((n, 3)), np.empty((n, 2), np.int32))
-        self._pictures = np.empty((2, 2, size, size), np.float32)
+        self._sphere = sphere_of(triangles.points)
+        self._spots, self._depths = np.empty((n, 2), np.int32), np.empty(n)
+        self._pictures = np.full((2, 2, size, size), np.nan, np.float32)
+        self._boxes = [Box(0, 0, 0, 0)] * 2
         self.field = np.empty((size, size), np.float32)
         self._sides = np.empty(len(triangles.faces), np.int8)
-        self._picked = np.empty(len(triangles.faces), np.int32)
+        self._all = np.arange(len(triangles.faces), dtype=np.int32)
+        self._picked = np.empty_like(self._all)
         self._steps = np.zeros((size, size + 1), np.int32)
         self._wanted = np.empty((size + 1, size + 1), np.int32)
 
-    def _begin(self, camera: OrthographicCamera, pictures: NDArray[np.float32]) -> Box:
+    def _begin(self, camera: OrthographicCamera, number: int) -> tuple[Screen, Box]:
+        """Project all points and clear the pictures of a number; return the box of the points."""
         from medialis.curves.from_views import _draw_kernels as kernels
 
+        last, (middle, radius) = self._boxes[number], self._sphere
+        self._pictures[number, :, last.first : last.last, last.left : last.right] = np.nan
+        reach = (math.dist(camera.center, middle) + radius) / camera.pixel + camera.size
+        bits = max(int(math.log2(kernels.FARTHEST / reach)), 1)
+        screen = kernels.Screen(self._spots, self._depths, bits)
         seen = camera.center, camera.axes, camera.size, camera.pixel
-        box = kernels.Box(*kernels.project_points(self._triangles.points, *seen, self._screen))
-        kernels.begin_picture(box, *pictures)
-        return box
-
-    def _draw_faces(self, wanted: IntArray, near: Picture, far: Picture) -> None:
-        from medialis.curves.from_views import _draw_kernels as kernels
-
-        faces, screen, picked = self._triangles.faces, self._screen, self._picked
-        count = kernels.pick_faces(faces, screen.cells, self.size, wanted, picked)
-        kernels.draw_depth_range(faces, picked[:count], screen, near, far)
+        box = kernels.Box(*kernels.project_points(self._triangles.points, *seen, screen))
+        self._boxes[number] = box
+        return screen, box
 
     def draw(self, camera: OrthographicCamera) -> tuple[Picture, Picture, Box]:
         """Return near and far depths of all pixels, and their box."""
-        from medialis.curves.from_views import _draw_kernels as kernels
+        from medialis.curves.from_views._draw_kernels import draw_depth_range
 
+        screen, box = self._begin(camera, 0)
         near, far = self._pictures[0]
-        box = self._begin(camera, self._pictures[0])
-        self._draw_faces(NOTHING_WANTED, near, far)
-        kernels.mark_outside(box, near, far)
+        draw_depth_range(self._triangles.faces, self._all, screen, near, far)
         return near, far, box
 
     def first(self, camera: OrthographicCamera, saliency: float) -> Picked:
@@ -194,16 +194,17 @@ class Canvas:
         """Return the depths of a view where rows cross its skeleton; of others nothing is known."""
         from medialis.curves.from_views import _draw_kernels as kernels
 
+        screen, box = self._begin(camera, 1)
         near, far = self._pictures[1]
-        box = self._begin(camera, self._pictures[1])
-        faces, screen = self._triangles.faces, self._screen
-        kernels.face_sides(faces, screen.places, self._sides)
+        faces, picked = self._triangles.faces, self._picked
+        kernels.face_sides(faces, screen.spots, self._sides)
         kernels.count_borders(self._triangles.edges, self._sides, screen, self._steps)
         kernels.fill_silhouette(box, self._steps, near, far)
         check_border(near)
         crossings = skeletonize(near, saliency, self.scratch, NO_FIELD, box)
         kernels.count_crossings(box, crossings.begin, crossings.column, near, self._wanted)
-        self._draw_faces(self._wanted, near, far)
+        count = kernels.pick_faces(faces, screen, self._wanted, picked)
+        kernels.draw_depth_range(faces, picked[:count], screen, near, far)
         return Picked(camera, near, far, crossings, box)
 
 
