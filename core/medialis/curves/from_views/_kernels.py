@@ -248,36 +248,32 @@ def arc_between(a, b, contours):
 
 
 @kernel
-def row_features(offset, row, begin, end, stack, start, out_row, out_col):
-    """Write the nearest background pixel of the pixels begin..end of a row, a run of the shape.
+def row_envelope(offset, row, begin, end, column, key, start):
+    """Find the background pixels nearest to the pixels begin..end of a row, a run of the shape.
 
-    The lower envelope of the parabolas (x - c)^2 + offset(c)^2 over the columns c from begin - 1 to
-    end; `stack` and `start` are room for end - begin + 2 numbers. Ties go to the left.
+    They make the lower envelope of the parabolas (x - c)^2 + offset(c)^2 over the columns c from
+    begin - 1 to end. Writes the columns of its parts, and their first pixels; `key` is room for as
+    many, end - begin + 2 numbers. Returns the number of parts. Ties go to the left.
     """
-    top = 0
-    stack[0], start[0] = begin - 1, begin
+    count = 1
+    column[0], start[0] = begin - 1, begin
+    key[0] = (begin - 1) * (begin - 1)
     for c in range(begin, end + 1):
         g = offset[row, c] * offset[row, c] + c * c
-        x = 0
-        while top >= 0:
-            b = stack[top]
-            # First column at which the parabola of c is strictly lower than that of b.
-            # Of floating numbers: whole ones divide slowly. Below 0 either rounding loses.
-            x = int((g - offset[row, b] * offset[row, b] - b * b) / (2.0 * (c - b))) + 1
-            if x > start[top]:
-                break
-            top -= 1
-        if top < 0:
-            x = begin
-        if x < end:
-            top += 1
-            stack[top], start[top] = c, x
-    k = 0
-    for x in range(begin, end):
-        while k < top and start[k + 1] <= x:
-            k += 1
-        out_col[x] = stack[k]
-        out_row[x] = row + offset[row, stack[k]]
+        # Where the parabola of c gets strictly lower than that of another, at (g - key) / steep;
+        # it hides what it is lower than from the beginning on. Products, since divisions are slow.
+        while count > 0 and g - key[count - 1] < start[count - 1] * 2 * (c - column[count - 1]):
+            count -= 1
+        first = begin
+        if count > 0:
+            rise, steep = g - key[count - 1], 2 * (c - column[count - 1])
+            if rise >= (end - 1) * steep:
+                continue
+            first = int(float(rise) / float(steep)) + 1  # whole ones divide slowly
+        column[count], key[count], start[count] = c, g, first
+        count += 1
+    start[count] = end
+    return count
 
 
 @kernel
@@ -300,9 +296,12 @@ def saliency_skeleton(
     offset, first, last, right = contours.offset, contours.first, contours.last, contours.right
     upright, flat = contours.upright, contours.flat
     room = offset.shape[1] + 2
-    stack, start = np.empty(room, np.int64), np.empty(room, np.int64)  # the envelope
-    site_r, site_c = np.empty(room, np.int64), np.empty(room, np.int64)  # feature points
-    past_r, past_c = np.empty(room, np.int64), np.empty(room, np.int64)  # those of the last row
+    column, key, start = (
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+    )
+    cracks = np.empty(room, np.int32)  # of the pixels of the last row
     with_field = out_field.shape[0] > 0
     found = 0
     for row in range(first):
@@ -317,44 +316,43 @@ def saliency_skeleton(
             begin = col
             while offset[row, col] != 0:
                 col += 1
-            row_features(offset, row, begin, col, stack, start, site_r, site_c)
-            crack_before = -1
-            for x in range(begin, col):
-                r, c = site_r[x], site_c[x]
-                # The crack of the feature point that faces the pixel.
-                if abs(x - c) >= abs(row - r):
-                    crack = upright[r, c + 1 if x > c else c]
-                else:
-                    crack = flat[r + 1 if row > r else r, c]
-                away = math.sqrt((row - r) ** 2 + (x - c) ** 2) - 0.5
-                if with_field:
-                    out_field[row, x] = away
-                if x > begin and crack != crack_before:
-                    rho = arc_between(crack, crack_before, contours)
-                    if rho > max(saliency * away, STAIRS) and c != site_c[x - 1]:
-                        at = bisector(row, site_r[x - 1], site_c[x - 1], r, c)
-                        away = math.sqrt((at - c) ** 2 + (row - r) ** 2) - 0.5
-                        if rho > saliency * away:
-                            out_col[found] = at + 0.5
-                            out_importance[found], out_distance[found] = rho, away
-                            found += 1
-                            if with_field:
-                                out_field[row, x] = -abs(out_field[row, x])
-                                out_field[row, x - 1] = -abs(out_field[row, x - 1])
-                if with_field and offset[row - 1, x] != 0:
-                    r, c = past_r[x], past_c[x]
-                    if abs(x - c) >= abs(row - 1 - r):
-                        above = upright[r, c + 1 if x > c else c]
+            crack_before = np.int32(-1)
+            for part in range(row_envelope(offset, row, begin, col, column, key, start)):
+                c, x, end = column[part], start[part], start[part + 1]
+                r = row + offset[row, c]
+                high = abs(row - r)
+                while x < end:
+                    # The crack of the feature point that faces the pixels from here to `past`.
+                    if x <= c - high:
+                        crack, past = upright[r, c], min(c - high + 1, end)
+                    elif x < c + high:
+                        crack, past = flat[r + 1 if row > r else r, c], min(c + high, end)
                     else:
-                        above = flat[r + 1 if row - 1 > r else r, c]
-                    if above != crack:
-                        rho = arc_between(crack, above, contours)
-                        if rho > max(saliency * abs(out_field[row, x]), STAIRS):
-                            out_field[row, x] = -abs(out_field[row, x])
-                            out_field[row - 1, x] = -abs(out_field[row - 1, x])
-                crack_before = crack
-        site_r, past_r = past_r, site_r
-        site_c, past_c = past_c, site_c
+                        crack, past = upright[r, c + 1], end
+                    if with_field:
+                        for k in range(x, past):
+                            out_field[row, k] = math.sqrt(high**2 + (k - c) ** 2) - 0.5
+                            if offset[row - 1, k] != 0 and cracks[k] != crack:
+                                rho = arc_between(crack, cracks[k], contours)
+                                if rho > max(saliency * out_field[row, k], STAIRS):
+                                    out_field[row, k] = -abs(out_field[row, k])
+                                    out_field[row - 1, k] = -abs(out_field[row - 1, k])
+                            cracks[k] = crack
+                    if part > 0 and x == start[part] and crack != crack_before:
+                        rho = arc_between(crack, crack_before, contours)
+                        away = math.sqrt(high**2 + (x - c) ** 2) - 0.5
+                        if rho > max(saliency * away, STAIRS):
+                            left = column[part - 1]
+                            at = bisector(row, row + offset[row, left], left, r, c)
+                            away = math.sqrt((at - c) ** 2 + high**2) - 0.5
+                            if rho > saliency * away:
+                                out_col[found] = at + 0.5
+                                out_importance[found], out_distance[found] = rho, away
+                                found += 1
+                                if with_field:
+                                    out_field[row, x] = -abs(out_field[row, x])
+                                    out_field[row, x - 1] = -abs(out_field[row, x - 1])
+                    crack_before, x = crack, past
     for row in range(last, len(out_begin)):
         out_begin[row] = found
     return found
