@@ -2,8 +2,8 @@
 
 Steps: views in pairs, their silhouette skeletons matched to points (`_match`, 3.7.3 and 3.7.4);
 points that some view sees outside dropped and the others moved to where views agree (`_sharpen`,
-3.7.5); points linked to a graph (`linking.py`, 3.7.6). A few views are held at a time, side by side
-(`Views`); those that are needed again are packed (`PackedViews`).
+3.7.5); points linked to a graph (`linking.py`, 3.7.6). A few views are held at a time; those
+that are needed again are packed (`PackedViews`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +46,7 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.importance.geodesics import along_space
 
 if TYPE_CHECKING:
-    from medialis.curves.from_views._view_kernels import Views
+    from medialis.curves.from_views._view_kernels import PackedView
 
 PROBES = 32  # halved 61 %, doubled 91 %
 """Views that measure radii and tell inside from outside while the points are linked."""
@@ -107,13 +107,13 @@ class PackedViews:
     def __init__(self, source: ViewSource, saliency: float, room: int) -> None:
         self.source, self._saliency, self._room = source, saliency, room
         self._canvases = Canvases(source) if isinstance(source, Rasterizer) else None
-        self._packed: dict[int, Packed] = {}
+        self._packed: dict[int, PackedView] = {}
         """Packed views by the identity of their cameras."""
 
     def match(self, pairs: Sequence[CameraPair], progress: Progress) -> list[FloatArray]:
         """Return the points of a few pairs of views; the first views are packed."""
         places: list[FloatArray] = [NOWHERE] * len(pairs)
-        firsts: list[Packed | None] = [None] * len(pairs)
+        firsts: list[PackedView | None] = [None] * len(pairs)
         if self._canvases is None:
             views = render_views(self.source, [c for pair in pairs for c in pair], progress)
 
@@ -122,26 +122,24 @@ class PackedViews:
                 if self._canvases is None:
                     given = views[2 * at], views[2 * at + 1]
                     (first, field), (second, _) = (_picked(v, self._saliency) for v in given)
-                    firsts[at] = Packed.of(first, field)
+                    firsts[at] = pack(first, field)
                     places[at] = pair_points(first, second, first.crossings, second.crossings)
                     continue
                 with self._canvases.lent(pairs[at][0].size) as canvas:
                     first = canvas.first(pairs[at][0], self._saliency)
-                    firsts[at] = Packed.of(first, canvas.field)
+                    firsts[at] = pack(first, canvas.field)
                     second = canvas.second(pairs[at][1], self._saliency)
                     places[at] = pair_points(first, second, first.crossings, second.crossings)
 
         run_chunks(work, len(pairs), 1, progress=progress.still)
         for (camera, _), view in zip(pairs, firsts, strict=True):
-            if view is not None and view.size <= self._room:
-                self._room -= view.size
+            if view is not None and view.nbytes <= self._room:
+                self._room -= view.nbytes
                 self._packed[id(camera)] = view
         return places
 
-    def look(self, cameras: Sequence[OrthographicCamera], progress: Progress) -> Views:
+    def look(self, cameras: Sequence[OrthographicCamera], progress: Progress) -> list[PackedView]:
         """Return depths and distance fields of a few cameras: packed ones as far as they go."""
-        from medialis.curves.from_views._view_kernels import Views
-
         packed: list[Any] = [self._packed.get(id(camera)) for camera in cameras]
         fresh = [at for at, view in enumerate(packed) if view is None]
         for begin in range(0, len(fresh), BATCH):
@@ -151,14 +149,7 @@ class PackedViews:
                 views = render_views(self.source, [cameras[at] for at in rows], progress)
             work = functools.partial(self._pack, rows, cameras, views, packed)
             run_chunks(work, len(rows), 1, progress=progress.still)
-        centers, axes, pixels = (
-            np.array([getattr(c, name) for c in cameras]) for name in ("center", "axes", "pixel")
-        )
-        counts = [len(view.values) for view in packed]
-        begin_of = np.cumsum([0, *counts[:-1]], dtype=np.int64)
-        masks, ranks = (np.stack([getattr(v, name) for v in packed]) for name in ("mask", "ranks"))
-        values = np.concatenate([view.values for view in packed])
-        return Views(cameras[0].size, centers, axes, pixels, masks, ranks, begin_of, values)
+        return packed
 
     def _pack(
         self, rows: Sequence[int], cameras: Sequence[OrthographicCamera],
@@ -168,41 +159,28 @@ class PackedViews:
         for number in range(begin, end):
             at, view = rows[number], views[number]
             if view is not None:
-                out[at] = Packed.of(*_picked(view, self._saliency))
+                out[at] = pack(*_picked(view, self._saliency))
                 continue
             assert self._canvases is not None
             with self._canvases.lent(cameras[at].size) as canvas:
-                out[at] = Packed.of(canvas.first(cameras[at], self._saliency), canvas.field)
+                out[at] = pack(canvas.first(cameras[at], self._saliency), canvas.field)
 
 
 NOWHERE = np.empty((0, 3))
 
 
-class Packed(NamedTuple):
-    """Depths and distances of the pixels of a silhouette, as `_view_kernels.Views` has many."""
+def pack(picked: Picked, field: NDArray[np.float32]) -> PackedView:
+    """Pack the depths of a view and the distances to its contour."""
+    from medialis.curves.from_views._view_kernels import BITS, PackedView, pack_view
 
-    mask: NDArray[np.uint64]
-    ranks: NDArray[np.int32]
-    values: NDArray[np.float32]
-
-    @property
-    def size(self) -> int:
-        """Bytes."""
-        return sum(array.nbytes for array in self)
-
-    @staticmethod
-    def of(picked: Picked, field: NDArray[np.float32]) -> Packed:
-        """Pack depths and the distances to their contour."""
-        from medialis.curves.from_views._view_kernels import BITS, pack_view
-
-        side = len(picked.near)
-        words = side * -(-side // BITS)
-        mask, ranks = np.zeros(words, np.uint64), np.empty(words, np.int32)
-        first, last, left, right = picked.box
-        within = picked.near[first:last, left:right]
-        values = np.empty((within.size - int(np.isnan(within).sum()), 3), np.float32)
-        pack_view(picked.box, picked.near, picked.far, field, mask, ranks, values)
-        return Packed(mask, ranks, values)
+    side, camera = len(picked.near), picked.camera
+    words = side * -(-side // BITS)
+    mask, ranks = np.zeros(words, np.uint64), np.empty(words, np.int32)
+    first, last, left, right = picked.box
+    outside = np.isnan(picked.near[first:last, left:right])
+    values = np.empty((outside.size - np.count_nonzero(outside), 3), np.float32)
+    pack_view(picked.box, picked.near, picked.far, field, mask, ranks, values)
+    return PackedView(side, camera.center, camera.axes, camera.pixel, mask, ranks, values)
 
 
 def _picked(view: View, saliency: float) -> tuple[Picked, NDArray[np.float32]]:
@@ -215,14 +193,18 @@ def _picked(view: View, saliency: float) -> tuple[Picked, NDArray[np.float32]]:
     return Picked(view.camera, view.near, view.far, crossings, Box(0, side, 0, side)), field
 
 
-def radii_in(views: Views, points: FloatArray) -> FloatArray:
+def radii_in(views: Sequence[PackedView], points: FloatArray) -> FloatArray:
     """Return the radius of the ball round each point, 0 where a view sees it outside."""
     from medialis.curves.from_views._view_kernels import measure_radii
 
     positions = np.ascontiguousarray(points)
     radii = np.full(len(positions), np.inf)
-    work = functools.partial(measure_radii, views)
-    run_chunks(work, len(positions), POINTS_A_CHUNK, positions, radii)
+
+    def work(begin: int, end: int) -> None:
+        for view in views:  # all points of a range by one view: its pixels stay in the cache
+            measure_radii(view, begin, end, positions, radii)
+
+    run_chunks(work, len(positions), POINTS_A_CHUNK)
     return radii
 
 
@@ -376,12 +358,15 @@ def _sharpen(
     # So that the pixels of a view that are looked at are near, too.
     rows = np.argsort(along_space(points), kind="stable")
     points, weights = points[rows], weights[rows]
-    for begin in range(0, len(cameras), BATCH):
-        progress.update(begin / len(cameras))
-        some = slice(begin, begin + BATCH)
-        views = packed.look(cameras[some], progress)
-        alive = np.ones(len(points), bool)
-        work = functools.partial(cull_and_sharpen, views, steps[some])
+    for first in range(0, len(cameras), BATCH):
+        progress.update(first / len(cameras))
+        some, alive = slice(first, first + BATCH), np.ones(len(points), bool)
+        seen = list(zip(packed.look(cameras[some], progress), steps[some], strict=True))
+
+        def work(begin: int, end: int, *arrays: NDArray[Any]) -> None:
+            for view, step in seen:  # noqa: B023 - called before the next views are seen
+                cull_and_sharpen(view, step, begin, end, *arrays)
+
         run_chunks(work, len(points), POINTS_A_CHUNK, points, alive, progress=progress.still)
         points, weights, rows = points[alive], weights[alive], rows[alive]
     order = np.argsort(rows)
