@@ -216,16 +216,31 @@ def count_borders(edges, sides, screen, out_steps):
 
 
 @kernel
-def fill_silhouette(box, steps, out_near, out_far):
-    """Write near +inf and far -inf at what triangles cover; `steps` (h, h + 1) is set to 0."""
+def fill_silhouette(box, steps, out_near, out_far, out_runs):
+    """Write near +inf and far -inf at what triangles cover; `steps` (h, h + 1) is set to 0.
+
+    `out_runs` gets the runs of such pixels, as `_kernels.Contours` has them. Returns how many.
+    """
+    runs = 0
     for row in range(box.first, box.last):
         count = 0
         for col in range(box.left, box.right):
-            count += steps[row, col]
-            steps[row, col] = 0
+            step = steps[row, col]
+            if step != 0:
+                steps[row, col] = 0
+                if count == 0:
+                    out_runs[runs, 0], out_runs[runs, 1] = row, col
+                elif count + step == 0:
+                    out_runs[runs, 2] = col
+                    runs += 1
+                count += step
             if count != 0:
                 out_near[row, col], out_far[row, col] = math.inf, -math.inf
         steps[row, box.right] = 0
+        if count != 0:
+            out_runs[runs, 2] = box.right
+            runs += 1
+    return runs
 
 
 @kernel

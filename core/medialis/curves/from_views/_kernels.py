@@ -60,13 +60,10 @@ class Contours(NamedTuple):
     Attributes
     ----------
     offset : (h, w) int32
-        Rows to the nearest background of the column, negative above; 0 is background.
-    first, last : int
-        The first row and one after the last row of the shape.
-    left, right : int
-        The same of columns, or of any that hold the shape.
-    lefts : (l, 2) int32
-        Row and column of the pixels with background at their left.
+        Rows to the nearest background of the column, negative above; 0 is background. Comes with 0
+        and is left so.
+    runs : (r, 3) int32
+        Row, first column and one after the last column of pixels of the shape, in order.
     upright, flat : (h, w) int32
         Crack at the left side of a pixel, and at its top.
     arc : (c,) float64
@@ -79,11 +76,7 @@ class Contours(NamedTuple):
     """
 
     offset: NDArray[np.int32]
-    first: int
-    last: int
-    left: int
-    right: int
-    lefts: NDArray[np.int32]
+    runs: NDArray[np.int32]
     upright: NDArray[np.int32]
     flat: NDArray[np.int32]
     arc: NDArray[np.float64]
@@ -145,42 +138,47 @@ def pair_crossings(first, second, pixel, cosine, sine, out):
 
 
 @kernel
-def column_offsets(near, box, out_offset, out_lefts):
-    """Write rows to the nearest background of the column (negative: above; 0: background).
+def find_runs(near, box, out_runs):
+    """List the runs of pixels that are not NaN in a box, as `Contours` has them; return how many.
 
-    Background is where `near` is NaN; the border of the picture must be background, and all outside
-    the box. Offsets are written in the rows and columns of the shape, and one beside, and in
-    `out_lefts` row and column of shape pixels with background at their left. Returns the number of
-    these, of cracks, of shape pixels, the first row and one after the last row of the shape.
+    The border of the picture must be NaN.
     """
-    height, width = near.shape
-    left, right = max(box.left, 1), min(box.right, width - 1)
-    lefts, cracks, pixels, first, last = 0, 0, 0, height, 0
-    begin, end = max(box.first, 1), min(box.last, height - 1)
-    down = np.zeros(width, np.int32)
-    for col in range(left - 1, right + 1):
-        out_offset[begin - 1, col] = 0
-    for row in range(begin, end + 1):
-        before, here_before = 0, pixels
-        out_offset[row, left - 1] = 0
-        for col in range(left, right + 1):
+    count, width = 0, near.shape[1]
+    for row in range(box.first, box.last):
+        r, col, last = np.uint32(row), np.uint32(box.left), np.uint32(min(box.right, width - 1))
+        while col < last:
+            if math.isnan(near[r, col]):
+                col += np.uint32(1)
+                continue
+            out_runs[count, 0], out_runs[count, 1] = row, col
+            while not math.isnan(near[r, col]):
+                col += np.uint32(1)
+            out_runs[count, 2] = col
+            count += 1
+    return count
+
+
+@kernel
+def column_offsets(runs, out_offset):
+    """Write rows to the nearest background of the column for the pixels of runs.
+
+    Returns the number of cracks: two at the ends of each run, and of each run of a column.
+    """
+    tops = 0
+    down = np.zeros(out_offset.shape[1], np.int32)
+    for i in range(len(runs)):
+        row, begin, end = runs[i, 0], runs[i, 1], runs[i, 2]
+        for col in range(begin, end):
             above = out_offset[row - 1, col]
-            here = 0 if math.isnan(near[row, col]) else 1
-            out_offset[row, col] = above + 1 if here == 1 else 0
-            cracks += (here ^ before) + (here ^ (above > 0))
-            pixels += here
-            if here > before:
-                out_lefts[lefts, 0], out_lefts[lefts, 1] = row, col
-                lefts += 1
-            before = here
-        if pixels > here_before:
-            first, last = min(first, row), row + 1
-    for row in range(last - 1, first - 1, -1):
-        for col in range(left, right):
+            out_offset[row, col] = above + 1
+            tops += 1 if above == 0 else 0
+    for i in range(len(runs) - 1, -1, -1):
+        row, begin, end = runs[i, 0], runs[i, 1], runs[i, 2]
+        for col in range(begin, end):
             up = out_offset[row, col]
-            down[col] = down[col] + 1 if up > 0 else 0
+            down[col] = down[col] + 1 if out_offset[row + 1, col] != 0 else 1
             out_offset[row, col] = down[col] if down[col] < up else -up
-    return lefts, cracks, pixels, first, last
+    return 2 * (len(runs) + tops)
 
 
 @kernel
@@ -190,12 +188,12 @@ def trace_contours(contours):
     Shape pixels that share a corner are connected.
     """
     offset, upright, flat = contours.offset, contours.upright, contours.flat
-    lefts = contours.lefts
-    for begin in range(len(lefts)):
-        upright[lefts[begin, 0], lefts[begin, 1]] = -1
+    runs = contours.runs
+    for i in range(len(runs)):
+        upright[runs[i, 0], runs[i, 1]] = -1
     count, cracks = 0, 0
-    for begin in range(len(lefts)):
-        row, col = np.int64(lefts[begin, 0]), np.int64(lefts[begin, 1])
+    for i in range(len(runs)):
+        row, col = np.int64(runs[i, 0]), np.int64(runs[i, 1])
         if upright[row, col] >= 0:
             continue
         # Up along the left side of the pixel, with the shape at the right hand. (r, c) is the
@@ -293,66 +291,58 @@ def saliency_skeleton(
     `out_field` of the size of the picture gets the distance of every pixel center, negative beside
     the skeleton (crossings of rows and columns). Returns the number of crossings.
     """
-    offset, first, last, right = contours.offset, contours.first, contours.last, contours.right
-    upright, flat = contours.upright, contours.flat
+    offset, runs, upright, flat = contours.offset, contours.runs, contours.upright, contours.flat
     room = offset.shape[1] + 2
-    column, key, start = (
-        np.empty(room, np.int64),
-        np.empty(room, np.int64),
-        np.empty(room, np.int64),
-    )
+    column, start = np.empty(room, np.int64), np.empty(room, np.int64)  # of the envelope
+    key = np.empty(room, np.int64)
     cracks = np.empty(room, np.int32)  # of the pixels of the last row
     with_field = out_field.shape[0] > 0
-    found = 0
-    for row in range(first):
-        out_begin[row] = 0
-    for row in range(first, last):
-        out_begin[row] = found
-        col = contours.left
-        while col < right:
-            if offset[row, col] == 0:
-                col += 1
-                continue
-            begin = col
-            while offset[row, col] != 0:
-                col += 1
-            crack_before = np.int32(-1)
-            for part in range(row_envelope(offset, row, begin, col, column, key, start)):
-                c, x, end = column[part], start[part], start[part + 1]
-                r = row + offset[row, c]
-                high = abs(row - r)
-                while x < end:
-                    # The crack of the feature point that faces the pixels from here to `past`.
-                    if x <= c - high:
-                        crack, past = upright[r, c], min(c - high + 1, end)
-                    elif x < c + high:
-                        crack, past = flat[r + 1 if row > r else r, c], min(c + high, end)
-                    else:
-                        crack, past = upright[r, c + 1], end
-                    if with_field:
-                        for k in range(x, past):
-                            out_field[row, k] = math.sqrt(high**2 + (k - c) ** 2) - 0.5
-                            if offset[row - 1, k] != 0 and cracks[k] != crack:
-                                rho = arc_between(crack, cracks[k], contours)
-                                if rho > max(saliency * out_field[row, k], STAIRS):
-                                    out_field[row, k] = -abs(out_field[row, k])
-                                    out_field[row - 1, k] = -abs(out_field[row - 1, k])
-                            cracks[k] = crack
-                    if part > 0 and x == start[part] and crack != crack_before:
-                        rho = arc_between(crack, crack_before, contours)
-                        away = math.sqrt(high**2 + (x - c) ** 2) - 0.5
-                        if rho > max(saliency * away, STAIRS):
-                            left = column[part - 1]
-                            at = bisector(row, row + offset[row, left], left, r, c)
-                            away = math.sqrt((at - c) ** 2 + high**2) - 0.5
-                            if rho > saliency * away:
-                                out_col[found] = at + 0.5
-                                out_importance[found], out_distance[found] = rho, away
-                                found += 1
-                                if with_field:
-                                    out_field[row, x] = -abs(out_field[row, x])
-                                    out_field[row, x - 1] = -abs(out_field[row, x - 1])
-                    crack_before, x = crack, past
-    for row in range(last, len(out_begin)):
-        out_begin[row] = found
+    found, begun = 0, 0
+    for i in range(len(runs)):
+        row, begin, col = np.int64(runs[i, 0]), np.int64(runs[i, 1]), np.int64(runs[i, 2])
+        while begun <= row:
+            out_begin[begun] = found
+            begun += 1
+        crack_before = np.int32(-1)
+        for part in range(row_envelope(offset, row, begin, col, column, key, start)):
+            c, x, end = column[part], start[part], start[part + 1]
+            r = row + offset[row, c]
+            high = abs(row - r)
+            while x < end:
+                # The crack of the feature point that faces the pixels from here to `past`.
+                if x <= c - high:
+                    crack, past = upright[r, c], min(c - high + 1, end)
+                elif x < c + high:
+                    crack, past = flat[r + 1 if row > r else r, c], min(c + high, end)
+                else:
+                    crack, past = upright[r, c + 1], end
+                if with_field:
+                    for k in range(x, past):
+                        out_field[row, k] = math.sqrt(high**2 + (k - c) ** 2) - 0.5
+                        if offset[row - 1, k] != 0 and cracks[k] != crack:
+                            rho = arc_between(crack, cracks[k], contours)
+                            if rho > max(saliency * out_field[row, k], STAIRS):
+                                out_field[row, k] = -abs(out_field[row, k])
+                                out_field[row - 1, k] = -abs(out_field[row - 1, k])
+                        cracks[k] = crack
+                if part > 0 and x == start[part] and crack != crack_before:
+                    rho = arc_between(crack, crack_before, contours)
+                    away = math.sqrt(high**2 + (x - c) ** 2) - 0.5
+                    if rho > max(saliency * away, STAIRS):
+                        left = column[part - 1]
+                        at = bisector(row, row + offset[row, left], left, r, c)
+                        away = math.sqrt((at - c) ** 2 + high**2) - 0.5
+                        if rho > saliency * away:
+                            out_col[found] = at + 0.5
+                            out_importance[found], out_distance[found] = rho, away
+                            found += 1
+                            if with_field:
+                                out_field[row, x] = -abs(out_field[row, x])
+                                out_field[row, x - 1] = -abs(out_field[row, x - 1])
+                crack_before, x = crack, past
+    while begun < len(out_begin):
+        out_begin[begun] = found
+        begun += 1
+    for i in range(len(runs)):
+        offset[runs[i, 0], runs[i, 1] : runs[i, 2]] = 0
     return found

@@ -10,7 +10,6 @@ is treated on its own, view by view in their order, so the threads cannot change
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -73,20 +72,19 @@ def words_in(width):
 
 
 @kernel
-def pack_view(box, near, far, field, out_mask, out_ranks, out_values):
-    """Pack depths and distances (h, w) of the pixels in a box where `near` is a number.
+def pack_view(runs, near, far, field, out_mask, out_ranks, out_values):
+    """Pack depths and distances (h, w) of the pixels of runs, as `_kernels.Contours` has them.
 
     `out_mask` comes with 0. `out_values` (p, 3) has a row for each such pixel.
     """
     words, count = words_in(near.shape[1]), 0
-    for row in range(box.first, box.last):
-        for col in range(box.left, box.right):
-            at = row * words + col // BITS
-            if col % BITS == 0 or col == box.left:
+    for i in range(len(runs)):
+        row = runs[i, 0]
+        for col in range(runs[i, 1], runs[i, 2]):
+            at = row * words + (col >> 6)
+            if out_mask[at] == np.uint64(0):
                 out_ranks[at] = count
-            if math.isnan(near[row, col]):
-                continue
-            out_mask[at] |= np.uint64(1) << np.uint64(col % BITS)
+            out_mask[at] |= np.uint64(1) << np.uint64(col & 63)
             out_values[count, NEAR] = near[row, col]
             out_values[count, FAR] = far[row, col]
             out_values[count, FIELD] = field[row, col]

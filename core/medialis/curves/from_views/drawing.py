@@ -24,13 +24,13 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.from_views.views import (
-    NO_FIELD,
     OrthographicCamera,
     Picked,
     Picture,
     Scratch,
     View,
     check_border,
+    runs_of,
     skeletonize,
     sphere_of,
 )
@@ -187,8 +187,9 @@ class Canvas:
         """Return all depths of a view; `field` has the distances to its contour."""
         near, far, box = self.draw(camera)
         check_border(near)
-        crossings = skeletonize(near, saliency, self.scratch, self.field, box)
-        return Picked(camera, near, far, crossings, box)
+        runs = runs_of(near, self.scratch, box)
+        crossings = skeletonize(runs, saliency, self.scratch, self.field)
+        return Picked(camera, near, far, crossings, runs)
 
     def second(self, camera: OrthographicCamera, saliency: float) -> Picked:
         """Return the depths of a view where rows cross its skeleton; of others nothing is known."""
@@ -199,13 +200,14 @@ class Canvas:
         faces, picked = self._triangles.faces, self._picked
         kernels.face_sides(faces, screen.spots, self._sides)
         kernels.count_borders(self._triangles.edges, self._sides, screen, self._steps)
-        kernels.fill_silhouette(box, self._steps, near, far)
+        runs = self.scratch.runs
+        runs = runs[: kernels.fill_silhouette(box, self._steps, near, far, runs)]
         check_border(near)
-        crossings = skeletonize(near, saliency, self.scratch, NO_FIELD, box)
+        crossings = skeletonize(runs, saliency, self.scratch)
         kernels.count_crossings(box, crossings.begin, crossings.column, near, self._wanted)
         count = kernels.pick_faces(faces, screen, self._wanted, picked)
         kernels.draw_depth_range(faces, picked[:count], screen, near, far)
-        return Picked(camera, near, far, crossings, box)
+        return Picked(camera, near, far, crossings, runs)
 
 
 def rasterizer(shape: ShapeLike) -> Rasterizer:

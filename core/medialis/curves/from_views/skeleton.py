@@ -39,6 +39,8 @@ from medialis.curves.from_views.views import (
     camera_pairs,
     check_border,
     pair_points,
+    pixels_in,
+    runs_of,
     skeletonize,
     sphere_of,
 )
@@ -179,21 +181,17 @@ def pack(picked: Picked, field: NDArray[np.float32]) -> PackedView:
     side, camera = len(picked.near), picked.camera
     words = side * -(-side // BITS)
     mask, ranks = np.zeros(words, np.uint64), np.empty(words, np.int32)
-    first, last, left, right = picked.box
-    outside = np.isnan(picked.near[first:last, left:right])
-    values = np.empty((outside.size - np.count_nonzero(outside), 3), np.float32)
-    pack_view(picked.box, picked.near, picked.far, field, mask, ranks, values)
+    values = np.empty((pixels_in(picked.runs), 3), np.float32)
+    pack_view(picked.runs, picked.near, picked.far, field, mask, ranks, values)
     return PackedView(side, camera.center, camera.axes, camera.pixel, mask, ranks, values)
 
 
 def _picked(view: View, saliency: float) -> tuple[Picked, NDArray[np.float32]]:
     """Return a view of somebody with its crossings, and its distances to the contour."""
-    from medialis.curves.from_views._draw_kernels import Box
-
-    side = view.camera.size
-    field = np.empty((side, side), np.float32)
-    crossings = skeletonize(view.near, saliency, Scratch(side), field)
-    return Picked(view.camera, view.near, view.far, crossings, Box(0, side, 0, side)), field
+    scratch = Scratch(view.camera.size)
+    field, runs = np.empty_like(view.near), runs_of(view.near, scratch)
+    crossings = skeletonize(runs, saliency, scratch, field)
+    return Picked(view.camera, view.near, view.far, crossings, runs), field
 
 
 def radii_in(views: Sequence[PackedView], points: FloatArray) -> FloatArray:
