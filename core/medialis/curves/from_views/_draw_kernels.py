@@ -1,4 +1,4 @@
-"""Kernels that draw views of triangles: whole, as a silhouette, and at a few pixels (thesis 3.7.4).
+"""Kernels that draw views of triangles: their depths, or a silhouette alone (thesis 3.7.4).
 
 Pixels are hit by their centers. Places of corners are whole numbers, of small parts of a pixel: so
 it is exact on which side of an edge a center lies, and of two triangles that share the edge one has
@@ -102,37 +102,12 @@ def _row_span(side, step, col0, col1):
 
 
 @kernel
-def pick_faces(faces, screen, wanted, out_picked):
-    """List the triangles that may cover a wanted pixel; return how many they are.
-
-    `wanted` (h + 1, w + 1) int32 is what `count_crossings` writes. No branches: nobody can guess
-    which these are.
-    """
-    spots, bits = screen.spots, screen.bits
-    size, count = len(wanted) - 1, 0
-    for i in range(len(faces)):
-        # Without signs no index is tried from the end: a third faster.
-        a, b, c = np.uint32(faces[i, 0]), np.uint32(faces[i, 1]), np.uint32(faces[i, 2])
-        xa, xb, xc = np.int64(spots[a, 0]), np.int64(spots[b, 0]), np.int64(spots[c, 0])
-        ya, yb, yc = np.int64(spots[a, 1]), np.int64(spots[b, 1]), np.int64(spots[c, 1])
-        col0, col1 = _centers(min(xa, xb, xc), max(xa, xb, xc), bits, size)
-        row0, row1 = _centers(min(ya, yb, yc), max(ya, yb, yc), bits, size)
-        above, below = np.uint32(min(row0, size)), np.uint32(max(row1 + 1, 0))
-        left, right = np.uint32(min(col0, size)), np.uint32(max(col1 + 1, 0))
-        inside = wanted[below, right] - wanted[above, right]
-        inside -= wanted[below, left] - wanted[above, left]
-        out_picked[count] = i
-        count += 1 if (row0 <= row1) & (col0 <= col1) & (inside != 0) else 0
-    return count
-
-
-@kernel
-def draw_depth_range(faces, picked, screen, out_near, out_far):
-    """Draw the triangles of a list over what is there; NaN is nothing."""
+def draw_depth_range(faces, screen, out_near, out_far):
+    """Draw triangles over what is there; NaN is nothing."""
     spots, depths, bits = screen.spots, screen.depths, screen.bits
     size, half = len(out_near), np.int64(1) << (bits - 1)
-    for number in range(len(picked)):
-        i = np.uint32(picked[number])
+    for i in range(len(faces)):
+        # Without signs no index is tried from the end: a third faster.
         a, b, c = np.uint32(faces[i, 0]), np.uint32(faces[i, 1]), np.uint32(faces[i, 2])
         xa, xb, xc = np.int64(spots[a, 0]), np.int64(spots[b, 0]), np.int64(spots[c, 0])
         ya, yb, yc = np.int64(spots[a, 1]), np.int64(spots[b, 1]), np.int64(spots[c, 1])
@@ -216,59 +191,23 @@ def count_borders(edges, sides, screen, out_steps):
 
 
 @kernel
-def fill_silhouette(box, steps, out_near, out_far, out_runs):
-    """Write near +inf and far -inf at what triangles cover; `steps` (h, h + 1) is set to 0.
+def silhouette_runs(box, steps, out_runs):
+    """List the runs of pixels that something covers, as `_kernels.Contours` has them.
 
-    `out_runs` gets the runs of such pixels, as `_kernels.Contours` has them. Returns how many.
+    `steps` (h, h + 1) of `count_borders` is set to 0. Returns how many runs there are.
     """
     runs = 0
     for row in range(box.first, box.last):
         count = 0
-        for col in range(box.left, box.right):
+        for col in range(box.left, box.right + 1):  # nothing covers the last one
             step = steps[row, col]
-            if step != 0:
-                steps[row, col] = 0
-                if count == 0:
-                    out_runs[runs, 0], out_runs[runs, 1] = row, col
-                elif count + step == 0:
-                    out_runs[runs, 2] = col
-                    runs += 1
-                count += step
-            if count != 0:
-                out_near[row, col], out_far[row, col] = math.inf, -math.inf
-        steps[row, box.right] = 0
-        if count != 0:
-            out_runs[runs, 2] = box.right
-            runs += 1
+            if step == 0:
+                continue
+            steps[row, col] = 0
+            if count == 0:
+                out_runs[runs, 0], out_runs[runs, 1] = row, col
+            elif count + step == 0:
+                out_runs[runs, 2] = col
+                runs += 1
+            count += step
     return runs
-
-
-@kernel
-def pixel_beside(near, row, column):
-    """Return the column of the pixel of the shape that a sub-pixel column lies in, or is next to.
-
-    A crossing lies between two pixels of the shape.
-    """
-    col = int(column)
-    if math.isnan(near[row, col]):
-        col = col - 1 if column - col < 0.5 else col + 1
-    return col
-
-
-@kernel
-def count_crossings(box, begin, column, near, out_wanted):
-    """Write how many pixels of crossings lie in the rows before a row and the columns before one.
-
-    `out_wanted` (h + 1, w + 1) int32; what is outside the box, and not beside it, stays.
-    """
-    for col in range(box.left, box.right + 1):
-        out_wanted[box.first, col] = 0
-    for row in range(box.first, box.last):
-        for col in range(box.left, box.right + 1):
-            out_wanted[row + 1, col] = 0
-        for i in range(begin[row], begin[row + 1]):
-            out_wanted[row + 1, pixel_beside(near, row, column[i]) + 1] += 1
-        count = 0
-        for col in range(box.left, box.right + 1):
-            count += out_wanted[row + 1, col]
-            out_wanted[row + 1, col] = out_wanted[row, col] + count

@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
-from medialis.curves.from_views._draw_kernels import pixel_beside
 
 TURN = math.sqrt(0.5)
 """Distance of the midpoints of two cracks that meet at a right angle."""
@@ -44,14 +43,10 @@ class Rows(NamedTuple):
         Crossings of row r have the numbers begin[r]..begin[r + 1].
     column : (s,) float64
         Sub-pixel column, ascending within a row.
-    near, far : (h, w) float32
-        Depths, as of `Views`.
     """
 
     begin: NDArray[np.int32]
     column: NDArray[np.float64]
-    near: NDArray[np.float32]
-    far: NDArray[np.float32]
 
 
 class Contours(NamedTuple):
@@ -86,9 +81,14 @@ class Contours(NamedTuple):
 
 
 @kernel
-def middle_depth(near, far, row, column):
-    """Return near and far depth where a row has a sub-pixel column; of the nearer pixel, if in."""
-    col = pixel_beside(near, row, column)
+def depths_at(near, far, row, column):
+    """Return near and far depth where a row has a sub-pixel column, or of the pixel beside it.
+
+    A crossing lies between two pixels of the shape.
+    """
+    col = int(column)
+    if math.isnan(near[row, col]):
+        col = col - 1 if column - col < 0.5 else col + 1
     return near[row, col], far[row, col]
 
 
@@ -110,11 +110,11 @@ def best_partner(x, estimate, other, row, pixel, cosine, sine):
 
 
 @kernel
-def pair_crossings(first, second, pixel, cosine, sine, out):
+def pair_crossings(first, near, far, second, pixel, cosine, sine, out):
     """Write right, up and depth, as the first camera sees them, of the matched points.
 
-    A match counts when the point lies within the depth range of both views. Returns the number of
-    points.
+    A match counts when the point lies within the depth range of the first view, `near` to `far`
+    (h, w). Returns the number of points.
     """
     size = len(first.begin) - 1
     middle = 0.5 * size
@@ -122,13 +122,9 @@ def pair_crossings(first, second, pixel, cosine, sine, out):
     for row in range(size):
         for i in range(first.begin[row], first.begin[row + 1]):
             x = (first.column[i] - middle) * pixel
-            low, high = middle_depth(first.near, first.far, row, first.column[i])
+            low, high = depths_at(near, far, row, first.column[i])
             j, k = best_partner(x, 0.5 * (low + high), second, row, pixel, cosine, sine)
             if j < 0 or not low <= k <= high:
-                continue
-            low, high = middle_depth(second.near, second.far, row, second.column[j])
-            depth = k * cosine + x * sine
-            if not low <= depth <= high:
                 continue
             out[count, 0] = x
             out[count, 1] = (middle - row - 0.5) * pixel
@@ -139,19 +135,16 @@ def pair_crossings(first, second, pixel, cosine, sine, out):
 
 @kernel
 def find_runs(near, box, out_runs):
-    """List the runs of pixels that are not NaN in a box, as `Contours` has them; return how many.
-
-    The border of the picture must be NaN.
-    """
-    count, width = 0, near.shape[1]
+    """List the runs of pixels that are not NaN in a box (`Contours`); return how many."""
+    count = 0
     for row in range(box.first, box.last):
-        r, col, last = np.uint32(row), np.uint32(box.left), np.uint32(min(box.right, width - 1))
+        r, col, last = np.uint32(row), np.uint32(box.left), np.uint32(box.right)
         while col < last:
             if math.isnan(near[r, col]):
                 col += np.uint32(1)
                 continue
             out_runs[count, 0], out_runs[count, 1] = row, col
-            while not math.isnan(near[r, col]):
+            while col < last and not math.isnan(near[r, col]):
                 col += np.uint32(1)
             out_runs[count, 2] = col
             count += 1

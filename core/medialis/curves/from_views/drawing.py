@@ -1,9 +1,8 @@
 """The core's own views of triangles, for meshes and clouds (thesis 3.7.4.2).
 
 `Rasterizer` is a `ViewSource`. A pair of views needs less than two of them: of the first one the
-whole depth range, since sharpening asks for it anywhere; of the second one its silhouette, and
-depths where rows cross its skeleton. So a `Canvas` draws the first one whole; of the second one it
-walks the outlines, and then draws the few triangles over those pixels. It is kept from view to
+whole depth range, since sharpening asks for it anywhere; of the second one its silhouette alone. So
+a `Canvas` draws the first one; of the second one it walks the outlines. It is kept from view to
 view: pictures made anew cost as much as what is drawn into them.
 """
 
@@ -24,12 +23,12 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.from_views.views import (
+    Crossings,
     OrthographicCamera,
     Picked,
     Picture,
     Scratch,
     View,
-    check_border,
     runs_of,
     skeletonize,
     sphere_of,
@@ -151,63 +150,51 @@ class Canvas:
         self.size, self._triangles, self.scratch = size, triangles, Scratch(size)
         self._sphere = sphere_of(triangles.points)
         self._spots, self._depths = np.empty((n, 2), np.int32), np.empty(n)
-        self._pictures = np.full((2, 2, size, size), np.nan, np.float32)
-        self._boxes = [Box(0, 0, 0, 0)] * 2
+        self._near, self._far = np.full((2, size, size), np.nan, np.float32)
+        self._drawn = Box(0, 0, 0, 0)
         self.field = np.empty((size, size), np.float32)
         self._sides = np.empty(len(triangles.faces), np.int8)
-        self._all = np.arange(len(triangles.faces), dtype=np.int32)
-        self._picked = np.empty_like(self._all)
         self._steps = np.zeros((size, size + 1), np.int32)
-        self._wanted = np.empty((size + 1, size + 1), np.int32)
 
-    def _begin(self, camera: OrthographicCamera, number: int) -> tuple[Screen, Box]:
-        """Project all points and clear the pictures of a number; return the box of the points."""
+    def _see(self, camera: OrthographicCamera) -> tuple[Screen, Box]:
+        """Return all points as a camera sees them, and the box of pixels that they may cover."""
         from medialis.curves.from_views import _draw_kernels as kernels
 
-        last, (middle, radius) = self._boxes[number], self._sphere
-        self._pictures[number, :, last.first : last.last, last.left : last.right] = np.nan
+        middle, radius = self._sphere
         reach = (math.dist(camera.center, middle) + radius) / camera.pixel + camera.size
         bits = max(int(math.log2(kernels.FARTHEST / reach)), 1)
         screen = kernels.Screen(self._spots, self._depths, bits)
         seen = camera.center, camera.axes, camera.size, camera.pixel
-        box = kernels.Box(*kernels.project_points(self._triangles.points, *seen, screen))
-        self._boxes[number] = box
-        return screen, box
+        return screen, kernels.Box(*kernels.project_points(self._triangles.points, *seen, screen))
 
     def draw(self, camera: OrthographicCamera) -> tuple[Picture, Picture, Box]:
         """Return near and far depths of all pixels, and their box."""
         from medialis.curves.from_views._draw_kernels import draw_depth_range
 
-        screen, box = self._begin(camera, 0)
-        near, far = self._pictures[0]
-        draw_depth_range(self._triangles.faces, self._all, screen, near, far)
+        (screen, box), near, far, last = self._see(camera), self._near, self._far, self._drawn
+        for picture in (near, far):
+            picture[last.first : last.last, last.left : last.right] = np.nan
+        self._drawn = box
+        draw_depth_range(self._triangles.faces, screen, near, far)
         return near, far, box
 
     def first(self, camera: OrthographicCamera, saliency: float) -> Picked:
         """Return all depths of a view; `field` has the distances to its contour."""
         near, far, box = self.draw(camera)
-        check_border(near)
         runs = runs_of(near, self.scratch, box)
         crossings = skeletonize(runs, saliency, self.scratch, self.field)
         return Picked(camera, near, far, crossings, runs)
 
-    def second(self, camera: OrthographicCamera, saliency: float) -> Picked:
-        """Return the depths of a view where rows cross its skeleton; of others nothing is known."""
+    def second(self, camera: OrthographicCamera, saliency: float) -> Crossings:
+        """Return where rows cross the skeleton of a view that is not drawn."""
         from medialis.curves.from_views import _draw_kernels as kernels
 
-        screen, box = self._begin(camera, 1)
-        near, far = self._pictures[1]
-        faces, picked = self._triangles.faces, self._picked
-        kernels.face_sides(faces, screen.spots, self._sides)
+        screen, box = self._see(camera)
+        kernels.face_sides(self._triangles.faces, screen.spots, self._sides)
         kernels.count_borders(self._triangles.edges, self._sides, screen, self._steps)
         runs = self.scratch.runs
-        runs = runs[: kernels.fill_silhouette(box, self._steps, near, far, runs)]
-        check_border(near)
-        crossings = skeletonize(runs, saliency, self.scratch)
-        kernels.count_crossings(box, crossings.begin, crossings.column, near, self._wanted)
-        count = kernels.pick_faces(faces, screen, self._wanted, picked)
-        kernels.draw_depth_range(faces, picked[:count], screen, near, far)
-        return Picked(camera, near, far, crossings, runs)
+        runs = runs[: kernels.silhouette_runs(box, self._steps, runs)]
+        return skeletonize(runs, saliency, self.scratch)
 
 
 def rasterizer(shape: ShapeLike) -> Rasterizer:

@@ -37,7 +37,6 @@ from medialis.curves.from_views.views import (
     View,
     ViewSource,
     camera_pairs,
-    check_border,
     pair_points,
     pixels_in,
     runs_of,
@@ -127,14 +126,14 @@ class PackedViews:
                 if self._canvases is None:
                     given = views[2 * at], views[2 * at + 1]
                     (first, field), (second, _) = (_picked(v, self._saliency) for v in given)
-                    firsts[at] = pack(first, field)
-                    places[at] = pair_points(first, second, first.crossings, second.crossings)
+                    firsts[at], found = pack(first, field), second.crossings
+                    places[at] = pair_points(first, second.camera, first.crossings, found)
                     continue
                 with self._canvases.lent(pairs[at][0].size) as canvas:
                     first = canvas.first(pairs[at][0], self._saliency)
                     firsts[at] = pack(first, canvas.field)
-                    second = canvas.second(pairs[at][1], self._saliency)
-                    places[at] = pair_points(first, second, first.crossings, second.crossings)
+                    found = canvas.second(pairs[at][1], self._saliency)
+                    places[at] = pair_points(first, pairs[at][1], first.crossings, found)
 
         run_chunks(work, len(pairs), 1, progress=progress.still)
         for (camera, _), view in zip(pairs, firsts, strict=True):
@@ -224,7 +223,6 @@ def render_views(
                 f"The view source must return pictures of {camera.size} x {camera.size} pixels, "
                 f"got {view.near.shape}."
             )
-        check_border(view.near)
     return views
 
 
