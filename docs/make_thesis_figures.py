@@ -212,7 +212,7 @@ def figure_3_17() -> Image:
         views = render(pair)
         crossings = [medialis.silhouette_skeleton(view.mask) for view in views]
         every.append(_all_pairs(*views, *crossings))
-        by_depth.append(pair_points(*views, *crossings))
+        by_depth.append(pair_points(views[0], pair[1], *crossings))
     clouds = [np.concatenate(every), np.concatenate(by_depth), result.layers[1].points]
     near = [cloud[np.linalg.norm(cloud - center, axis=1) < radius] for cloud in clouds]
     context = Surface(shape.points, shape.faces, opacity=0.12)

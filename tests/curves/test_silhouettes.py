@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.curves.from_views.views import Scratch, silhouette_skeleton, skeletonize
+from medialis.curves.from_views.views import Scratch, runs_of, silhouette_skeleton, skeletonize
 
 
 def disc(size, center, radius):
@@ -132,8 +132,8 @@ def test_distance_field_is_exact():
 
     mask = blob(64, 7)
     near = np.where(mask, 0, np.nan).astype(np.float32)
-    field = np.zeros((64, 64), np.float32)
-    skeletonize(near, 1.0, Scratch(64), field)
+    field, scratch = np.zeros((64, 64), np.float32), Scratch(64)
+    skeletonize(runs_of(near, scratch), 1.0, scratch, field)
     expected = np.where(mask, distance_transform_edt(mask) - 0.5, 0)
     assert np.allclose(np.abs(field), expected, rtol=0, atol=1e-5)
 

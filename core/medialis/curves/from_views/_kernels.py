@@ -26,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
-from medialis.curves.from_views._draw_kernels import pixel_beside
 
 TURN = math.sqrt(0.5)
 """Distance of the midpoints of two cracks that meet at a right angle."""
@@ -44,14 +43,10 @@ class Rows(NamedTuple):
         Crossings of row r have the numbers begin[r]..begin[r + 1].
     column : (s,) float64
         Sub-pixel column, ascending within a row.
-    near, far : (h, w) float32
-        Depths, as of `Views`.
     """
 
     begin: NDArray[np.int32]
     column: NDArray[np.float64]
-    near: NDArray[np.float32]
-    far: NDArray[np.float32]
 
 
 class Contours(NamedTuple):
@@ -60,13 +55,10 @@ class Contours(NamedTuple):
     Attributes
     ----------
     offset : (h, w) int32
-        Rows to the nearest background of the column, negative above; 0 is background.
-    first, last : int
-        The first row and one after the last row of the shape.
-    left, right : int
-        The same of columns, or of any that hold the shape.
-    lefts : (l, 2) int32
-        Row and column of the pixels with background at their left.
+        Rows to the nearest background of the column, negative above; 0 is background. Comes with 0
+        and is left so.
+    runs : (r, 3) int32
+        Row, first column and one after the last column of pixels of the shape, in order.
     upright, flat : (h, w) int32
         Crack at the left side of a pixel, and at its top.
     arc : (c,) float64
@@ -79,11 +71,7 @@ class Contours(NamedTuple):
     """
 
     offset: NDArray[np.int32]
-    first: int
-    last: int
-    left: int
-    right: int
-    lefts: NDArray[np.int32]
+    runs: NDArray[np.int32]
     upright: NDArray[np.int32]
     flat: NDArray[np.int32]
     arc: NDArray[np.float64]
@@ -93,9 +81,14 @@ class Contours(NamedTuple):
 
 
 @kernel
-def middle_depth(near, far, row, column):
-    """Return near and far depth where a row has a sub-pixel column; of the nearer pixel, if in."""
-    col = pixel_beside(near, row, column)
+def depths_at(near, far, row, column):
+    """Return near and far depth where a row has a sub-pixel column, or of the pixel beside it.
+
+    A crossing lies between two pixels of the shape.
+    """
+    col = int(column)
+    if math.isnan(near[row, col]):
+        col = col - 1 if column - col < 0.5 else col + 1
     return near[row, col], far[row, col]
 
 
@@ -117,11 +110,11 @@ def best_partner(x, estimate, other, row, pixel, cosine, sine):
 
 
 @kernel
-def pair_crossings(first, second, pixel, cosine, sine, out):
+def pair_crossings(first, near, far, second, pixel, cosine, sine, out):
     """Write right, up and depth, as the first camera sees them, of the matched points.
 
-    A match counts when the point lies within the depth range of both views. Returns the number of
-    points.
+    A match counts when the point lies within the depth range of the first view, `near` to `far`
+    (h, w). Returns the number of points.
     """
     size = len(first.begin) - 1
     middle = 0.5 * size
@@ -129,13 +122,9 @@ def pair_crossings(first, second, pixel, cosine, sine, out):
     for row in range(size):
         for i in range(first.begin[row], first.begin[row + 1]):
             x = (first.column[i] - middle) * pixel
-            low, high = middle_depth(first.near, first.far, row, first.column[i])
+            low, high = depths_at(near, far, row, first.column[i])
             j, k = best_partner(x, 0.5 * (low + high), second, row, pixel, cosine, sine)
             if j < 0 or not low <= k <= high:
-                continue
-            low, high = middle_depth(second.near, second.far, row, second.column[j])
-            depth = k * cosine + x * sine
-            if not low <= depth <= high:
                 continue
             out[count, 0] = x
             out[count, 1] = (middle - row - 0.5) * pixel
@@ -145,42 +134,44 @@ def pair_crossings(first, second, pixel, cosine, sine, out):
 
 
 @kernel
-def column_offsets(near, box, out_offset, out_lefts):
-    """Write rows to the nearest background of the column (negative: above; 0: background).
+def find_runs(near, box, out_runs):
+    """List the runs of pixels that are not NaN in a box (`Contours`); return how many."""
+    count = 0
+    for row in range(box.first, box.last):
+        r, col, last = np.uint32(row), np.uint32(box.left), np.uint32(box.right)
+        while col < last:
+            if math.isnan(near[r, col]):
+                col += np.uint32(1)
+                continue
+            out_runs[count, 0], out_runs[count, 1] = row, col
+            while col < last and not math.isnan(near[r, col]):
+                col += np.uint32(1)
+            out_runs[count, 2] = col
+            count += 1
+    return count
 
-    Background is where `near` is NaN; the border of the picture must be background, and all outside
-    the box. Offsets are written in the rows and columns of the shape, and one beside, and in
-    `out_lefts` row and column of shape pixels with background at their left. Returns the number of
-    these, of cracks, of shape pixels, the first row and one after the last row of the shape.
+
+@kernel
+def column_offsets(runs, out_offset):
+    """Write rows to the nearest background of the column for the pixels of runs.
+
+    Returns the number of cracks: two at the ends of each run, and of each run of a column.
     """
-    height, width = near.shape
-    left, right = max(box.left, 1), min(box.right, width - 1)
-    lefts, cracks, pixels, first, last = 0, 0, 0, height, 0
-    begin, end = max(box.first, 1), min(box.last, height - 1)
-    down = np.zeros(width, np.int32)
-    for col in range(left - 1, right + 1):
-        out_offset[begin - 1, col] = 0
-    for row in range(begin, end + 1):
-        before, here_before = 0, pixels
-        out_offset[row, left - 1] = 0
-        for col in range(left, right + 1):
+    tops = 0
+    down = np.zeros(out_offset.shape[1], np.int32)
+    for i in range(len(runs)):
+        row, begin, end = runs[i, 0], runs[i, 1], runs[i, 2]
+        for col in range(begin, end):
             above = out_offset[row - 1, col]
-            here = 0 if math.isnan(near[row, col]) else 1
-            out_offset[row, col] = above + 1 if here == 1 else 0
-            cracks += (here ^ before) + (here ^ (above > 0))
-            pixels += here
-            if here > before:
-                out_lefts[lefts, 0], out_lefts[lefts, 1] = row, col
-                lefts += 1
-            before = here
-        if pixels > here_before:
-            first, last = min(first, row), row + 1
-    for row in range(last - 1, first - 1, -1):
-        for col in range(left, right):
+            out_offset[row, col] = above + 1
+            tops += 1 if above == 0 else 0
+    for i in range(len(runs) - 1, -1, -1):
+        row, begin, end = runs[i, 0], runs[i, 1], runs[i, 2]
+        for col in range(begin, end):
             up = out_offset[row, col]
-            down[col] = down[col] + 1 if up > 0 else 0
+            down[col] = down[col] + 1 if out_offset[row + 1, col] != 0 else 1
             out_offset[row, col] = down[col] if down[col] < up else -up
-    return lefts, cracks, pixels, first, last
+    return 2 * (len(runs) + tops)
 
 
 @kernel
@@ -190,12 +181,12 @@ def trace_contours(contours):
     Shape pixels that share a corner are connected.
     """
     offset, upright, flat = contours.offset, contours.upright, contours.flat
-    lefts = contours.lefts
-    for begin in range(len(lefts)):
-        upright[lefts[begin, 0], lefts[begin, 1]] = -1
+    runs = contours.runs
+    for i in range(len(runs)):
+        upright[runs[i, 0], runs[i, 1]] = -1
     count, cracks = 0, 0
-    for begin in range(len(lefts)):
-        row, col = np.int64(lefts[begin, 0]), np.int64(lefts[begin, 1])
+    for i in range(len(runs)):
+        row, col = np.int64(runs[i, 0]), np.int64(runs[i, 1])
         if upright[row, col] >= 0:
             continue
         # Up along the left side of the pixel, with the shape at the right hand. (r, c) is the
@@ -248,36 +239,32 @@ def arc_between(a, b, contours):
 
 
 @kernel
-def row_features(offset, row, begin, end, stack, start, out_row, out_col):
-    """Write the nearest background pixel of the pixels begin..end of a row, a run of the shape.
+def row_envelope(offset, row, begin, end, column, key, start):
+    """Find the background pixels nearest to the pixels begin..end of a row, a run of the shape.
 
-    The lower envelope of the parabolas (x - c)^2 + offset(c)^2 over the columns c from begin - 1 to
-    end; `stack` and `start` are room for end - begin + 2 numbers. Ties go to the left.
+    They make the lower envelope of the parabolas (x - c)^2 + offset(c)^2 over the columns c from
+    begin - 1 to end. Writes the columns of its parts, and their first pixels; `key` is room for as
+    many, end - begin + 2 numbers. Returns the number of parts. Ties go to the left.
     """
-    top = 0
-    stack[0], start[0] = begin - 1, begin
+    count = 1
+    column[0], start[0] = begin - 1, begin
+    key[0] = (begin - 1) * (begin - 1)
     for c in range(begin, end + 1):
         g = offset[row, c] * offset[row, c] + c * c
-        x = 0
-        while top >= 0:
-            b = stack[top]
-            # First column at which the parabola of c is strictly lower than that of b.
-            # Of floating numbers: whole ones divide slowly. Below 0 either rounding loses.
-            x = int((g - offset[row, b] * offset[row, b] - b * b) / (2.0 * (c - b))) + 1
-            if x > start[top]:
-                break
-            top -= 1
-        if top < 0:
-            x = begin
-        if x < end:
-            top += 1
-            stack[top], start[top] = c, x
-    k = 0
-    for x in range(begin, end):
-        while k < top and start[k + 1] <= x:
-            k += 1
-        out_col[x] = stack[k]
-        out_row[x] = row + offset[row, stack[k]]
+        # Where the parabola of c gets strictly lower than that of another, at (g - key) / steep;
+        # it hides what it is lower than from the beginning on. Products, since divisions are slow.
+        while count > 0 and g - key[count - 1] < start[count - 1] * 2 * (c - column[count - 1]):
+            count -= 1
+        first = begin
+        if count > 0:
+            rise, steep = g - key[count - 1], 2 * (c - column[count - 1])
+            if rise >= (end - 1) * steep:
+                continue
+            first = int(float(rise) / float(steep)) + 1  # whole ones divide slowly
+        column[count], key[count], start[count] = c, g, first
+        count += 1
+    start[count] = end
+    return count
 
 
 @kernel
@@ -297,43 +284,47 @@ def saliency_skeleton(
     `out_field` of the size of the picture gets the distance of every pixel center, negative beside
     the skeleton (crossings of rows and columns). Returns the number of crossings.
     """
-    offset, first, last, right = contours.offset, contours.first, contours.last, contours.right
-    upright, flat = contours.upright, contours.flat
+    offset, runs, upright, flat = contours.offset, contours.runs, contours.upright, contours.flat
     room = offset.shape[1] + 2
-    stack, start = np.empty(room, np.int64), np.empty(room, np.int64)  # the envelope
-    site_r, site_c = np.empty(room, np.int64), np.empty(room, np.int64)  # feature points
-    past_r, past_c = np.empty(room, np.int64), np.empty(room, np.int64)  # those of the last row
+    column, start = np.empty(room, np.int64), np.empty(room, np.int64)  # of the envelope
+    key = np.empty(room, np.int64)
+    cracks = np.empty(room, np.int32)  # of the pixels of the last row
     with_field = out_field.shape[0] > 0
-    found = 0
-    for row in range(first):
-        out_begin[row] = 0
-    for row in range(first, last):
-        out_begin[row] = found
-        col = contours.left
-        while col < right:
-            if offset[row, col] == 0:
-                col += 1
-                continue
-            begin = col
-            while offset[row, col] != 0:
-                col += 1
-            row_features(offset, row, begin, col, stack, start, site_r, site_c)
-            crack_before = -1
-            for x in range(begin, col):
-                r, c = site_r[x], site_c[x]
-                # The crack of the feature point that faces the pixel.
-                if abs(x - c) >= abs(row - r):
-                    crack = upright[r, c + 1 if x > c else c]
+    found, begun = 0, 0
+    for i in range(len(runs)):
+        row, begin, col = np.int64(runs[i, 0]), np.int64(runs[i, 1]), np.int64(runs[i, 2])
+        while begun <= row:
+            out_begin[begun] = found
+            begun += 1
+        crack_before = np.int32(-1)
+        for part in range(row_envelope(offset, row, begin, col, column, key, start)):
+            c, x, end = column[part], start[part], start[part + 1]
+            r = row + offset[row, c]
+            high = abs(row - r)
+            while x < end:
+                # The crack of the feature point that faces the pixels from here to `past`.
+                if x <= c - high:
+                    crack, past = upright[r, c], min(c - high + 1, end)
+                elif x < c + high:
+                    crack, past = flat[r + 1 if row > r else r, c], min(c + high, end)
                 else:
-                    crack = flat[r + 1 if row > r else r, c]
-                away = math.sqrt((row - r) ** 2 + (x - c) ** 2) - 0.5
+                    crack, past = upright[r, c + 1], end
                 if with_field:
-                    out_field[row, x] = away
-                if x > begin and crack != crack_before:
+                    for k in range(x, past):
+                        out_field[row, k] = math.sqrt(high**2 + (k - c) ** 2) - 0.5
+                        if offset[row - 1, k] != 0 and cracks[k] != crack:
+                            rho = arc_between(crack, cracks[k], contours)
+                            if rho > max(saliency * out_field[row, k], STAIRS):
+                                out_field[row, k] = -abs(out_field[row, k])
+                                out_field[row - 1, k] = -abs(out_field[row - 1, k])
+                        cracks[k] = crack
+                if part > 0 and x == start[part] and crack != crack_before:
                     rho = arc_between(crack, crack_before, contours)
-                    if rho > max(saliency * away, STAIRS) and c != site_c[x - 1]:
-                        at = bisector(row, site_r[x - 1], site_c[x - 1], r, c)
-                        away = math.sqrt((at - c) ** 2 + (row - r) ** 2) - 0.5
+                    away = math.sqrt(high**2 + (x - c) ** 2) - 0.5
+                    if rho > max(saliency * away, STAIRS):
+                        left = column[part - 1]
+                        at = bisector(row, row + offset[row, left], left, r, c)
+                        away = math.sqrt((at - c) ** 2 + high**2) - 0.5
                         if rho > saliency * away:
                             out_col[found] = at + 0.5
                             out_importance[found], out_distance[found] = rho, away
@@ -341,20 +332,10 @@ def saliency_skeleton(
                             if with_field:
                                 out_field[row, x] = -abs(out_field[row, x])
                                 out_field[row, x - 1] = -abs(out_field[row, x - 1])
-                if with_field and offset[row - 1, x] != 0:
-                    r, c = past_r[x], past_c[x]
-                    if abs(x - c) >= abs(row - 1 - r):
-                        above = upright[r, c + 1 if x > c else c]
-                    else:
-                        above = flat[r + 1 if row - 1 > r else r, c]
-                    if above != crack:
-                        rho = arc_between(crack, above, contours)
-                        if rho > max(saliency * abs(out_field[row, x]), STAIRS):
-                            out_field[row, x] = -abs(out_field[row, x])
-                            out_field[row - 1, x] = -abs(out_field[row - 1, x])
-                crack_before = crack
-        site_r, past_r = past_r, site_r
-        site_c, past_c = past_c, site_c
-    for row in range(last, len(out_begin)):
-        out_begin[row] = found
+                crack_before, x = crack, past
+    while begun < len(out_begin):
+        out_begin[begun] = found
+        begun += 1
+    for i in range(len(runs)):
+        offset[runs[i, 0], runs[i, 1] : runs[i, 2]] = 0
     return found

@@ -10,7 +10,6 @@ is treated on its own, view by view in their order, so the threads cannot change
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,38 +28,40 @@ NEAR, FAR, FIELD = 0, 1, 2
 """Columns of the numbers of a pixel."""
 
 
-class Views(NamedTuple):
-    """Packed depths and distance fields of v views of one size.
+class PackedView(NamedTuple):
+    """Packed depths and distance field of a view.
 
     Attributes
     ----------
     size : int
         Rows, and columns.
-    centers : (v, 3) float64
-        The points in the middle of the pictures.
-    axes : (v, 3, 3) float64
-        Unit right, up and forward of each camera.
-    pixels : (v,) float64
+    center : (3,) float64
+        The point in the middle of the picture.
+    axes : (3, 3) float64
+        Unit right, up and forward of the camera.
+    pixel : float
         Edge of a pixel in the units of the shape.
-    masks : (v, h * words of a row) uint64
+    mask : (h * words of a row,) uint64
         A bit for each pixel of the shape.
-    ranks : (v, h * words of a row) int32
+    ranks : (h * words of a row,) int32
         Pixels of the shape in the words before.
-    begin : (v,) int64
-        Where the numbers of a view begin.
     values : (p, 3) float32
         Depth of the nearest and of the furthest surface, and the distance to the contour in pixels,
         negative beside the skeleton of the silhouette.
     """
 
     size: int
-    centers: NDArray[np.float64]
+    center: NDArray[np.float64]
     axes: NDArray[np.float64]
-    pixels: NDArray[np.float64]
-    masks: NDArray[np.uint64]
+    pixel: float
+    mask: NDArray[np.uint64]
     ranks: NDArray[np.int32]
-    begin: NDArray[np.int64]
     values: NDArray[np.float32]
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of what is packed."""
+        return self.mask.nbytes + self.ranks.nbytes + self.values.nbytes
 
 
 @kernel
@@ -71,20 +72,19 @@ def words_in(width):
 
 
 @kernel
-def pack_view(box, near, far, field, out_mask, out_ranks, out_values):
-    """Pack depths and distances (h, w) of the pixels in a box where `near` is a number.
+def pack_view(runs, near, far, field, out_mask, out_ranks, out_values):
+    """Pack depths and distances (h, w) of the pixels of runs, as `_kernels.Contours` has them.
 
     `out_mask` comes with 0. `out_values` (p, 3) has a row for each such pixel.
     """
     words, count = words_in(near.shape[1]), 0
-    for row in range(box.first, box.last):
-        for col in range(box.left, box.right):
-            at = row * words + col // BITS
-            if col % BITS == 0 or col == box.left:
+    for i in range(len(runs)):
+        row = runs[i, 0]
+        for col in range(runs[i, 1], runs[i, 2]):
+            at = row * words + (col >> 6)
+            if out_mask[at] == np.uint64(0):
                 out_ranks[at] = count
-            if math.isnan(near[row, col]):
-                continue
-            out_mask[at] |= np.uint64(1) << np.uint64(col % BITS)
+            out_mask[at] |= np.uint64(1) << np.uint64(col & 63)
             out_values[count, NEAR] = near[row, col]
             out_values[count, FAR] = far[row, col]
             out_values[count, FIELD] = field[row, col]
@@ -103,28 +103,28 @@ def bits_in(word):
 
 
 @kernel
-def numbers_of(views, v, row, col):
+def numbers_of(view, row, col):
     """Return the row of `values` of a pixel, -1 where it is none of the shape."""
-    at = np.uint32(row * words_in(views.size) + (col >> 6))
-    word, bit = views.masks[v, at], np.uint64(col & 63)
+    at = np.uint32(row * words_in(view.size) + (col >> 6))
+    word, bit = view.mask[at], np.uint64(col & 63)
     if (word >> bit) & np.uint64(1) == np.uint64(0):
         return np.int64(-1)
     before = word & ((np.uint64(1) << bit) - np.uint64(1))
-    return views.begin[v] + views.ranks[v, at] + bits_in(before)
+    return view.ranks[at] + bits_in(before)
 
 
 @kernel
-def distance_to(views, v, row, col):
+def distance_to(view, row, col):
     """Return the distance of a pixel to the contour, 0 outside the shape."""
-    at = numbers_of(views, v, row, col)
-    return abs(views.values[np.uint64(at), FIELD]) if at >= 0 else np.float32(0.0)
+    at = numbers_of(view, row, col)
+    return abs(view.values[np.uint64(at), FIELD]) if at >= 0 else np.float32(0.0)
 
 
 @kernel
-def is_inside(views, v, row, col):
+def is_inside(view, row, col):
     """Tell whether a pixel is one of the shape."""
-    at = np.uint32(row * words_in(views.size) + (col >> 6))
-    return (views.masks[v, at] >> np.uint64(col & 63)) & np.uint64(1) != np.uint64(0)
+    at = np.uint32(row * words_in(view.size) + (col >> 6))
+    return (view.mask[at] >> np.uint64(col & 63)) & np.uint64(1) != np.uint64(0)
 
 
 class Seen(NamedTuple):
@@ -146,12 +146,12 @@ class Seen(NamedTuple):
 
 
 @kernel
-def camera_of(views, v):
+def camera_of(view):
     """Return the camera of a view: read once for all points."""
-    c, a = views.centers, views.axes
+    c, a = view.center, view.axes
     return Seen(
-        c[v, 0], c[v, 1], c[v, 2], a[v, 0, 0], a[v, 0, 1], a[v, 0, 2], a[v, 1, 0], a[v, 1, 1],
-        a[v, 1, 2], a[v, 2, 0], a[v, 2, 1], a[v, 2, 2], views.pixels[v],
+        c[0], c[1], c[2], a[0, 0], a[0, 1], a[0, 2], a[1, 0], a[1, 1], a[1, 2], a[2, 0], a[2, 1],
+        a[2, 2], view.pixel,
     )  # fmt: skip
 
 
@@ -168,50 +168,46 @@ def place_in(px, py, pz, camera, size):
 
 
 @kernel
-def cull_and_sharpen(views, steps, begin, end, points, alive):
-    """Test and move the points begin..end, in place, by every view of the batch.
+def cull_and_sharpen(view, step, begin, end, points, alive):
+    """Test and move the points begin..end, in place, by a view.
 
-    A point moves parallel to the picture by steps[v] pixels times the gradient of the distance
+    A point moves parallel to the picture by `step` pixels times the gradient of the distance
     transform, unless it lies beside the skeleton of the silhouette already. A view in which it lies
     far from the middle of the depth range sees it before or behind something else: it may drop the
     point, not move it.
     """
-    values = views.values
-    for v in range(len(steps)):  # all points of a range by one view: its pixels stay in the cache
-        camera = camera_of(views, v)
-        step, pixel = steps[v], camera.pixel
-        for i in range(begin, end):
-            if not alive[i]:
-                continue
-            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            column, row, depth, inside = place_in(px, py, pz, camera, views.size)
-            found = numbers_of(views, v, int(row), int(column)) if inside else np.int64(-1)
-            if found < 0:
-                alive[i] = False
-                continue
-            at = np.uint64(found)
-            low, high = values[at, NEAR], values[at, FAR]
-            if not low <= depth <= high:
-                alive[i] = False
-                continue
-            if values[at, FIELD] < 0 or abs(depth - 0.5 * (low + high)) > MIDDLE * (high - low):
-                continue
-            r, c = int(row), int(column)
-            before = after = np.float32(0.0)  # pixels beside it in the row have the next numbers
-            if is_inside(views, v, r, c - 1):
-                before = abs(values[np.uint64(found - 1), FIELD])
-            if is_inside(views, v, r, c + 1):
-                after = abs(values[np.uint64(found + 1), FIELD])
-            gx = 0.5 * (after - before) * step * pixel
-            upward = distance_to(views, v, r - 1, c) - distance_to(views, v, r + 1, c)
-            gy = 0.5 * upward * step * pixel
-            points[i, 0] += gx * camera.right_x + gy * camera.up_x
-            points[i, 1] += gx * camera.right_y + gy * camera.up_y
-            points[i, 2] += gx * camera.right_z + gy * camera.up_z
+    values, camera, pixel = view.values, camera_of(view), view.pixel
+    for i in range(begin, end):
+        if not alive[i]:
+            continue
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        column, row, depth, inside = place_in(px, py, pz, camera, view.size)
+        found = numbers_of(view, int(row), int(column)) if inside else np.int64(-1)
+        if found < 0:
+            alive[i] = False
+            continue
+        at = np.uint64(found)
+        low, high = values[at, NEAR], values[at, FAR]
+        if not low <= depth <= high:
+            alive[i] = False
+            continue
+        if values[at, FIELD] < 0 or abs(depth - 0.5 * (low + high)) > MIDDLE * (high - low):
+            continue
+        r, c = int(row), int(column)
+        before = after = np.float32(0.0)  # pixels beside it in the row have the next numbers
+        if is_inside(view, r, c - 1):
+            before = abs(values[np.uint64(found - 1), FIELD])
+        if is_inside(view, r, c + 1):
+            after = abs(values[np.uint64(found + 1), FIELD])
+        gx = 0.5 * (after - before) * step * pixel
+        gy = 0.5 * (distance_to(view, r - 1, c) - distance_to(view, r + 1, c)) * step * pixel
+        points[i, 0] += gx * camera.right_x + gy * camera.up_x
+        points[i, 1] += gx * camera.right_y + gy * camera.up_y
+        points[i, 2] += gx * camera.right_z + gy * camera.up_z
 
 
 @kernel
-def distance_at(views, v, column, row):
+def distance_at(view, column, row):
     """Return the distance transform at a sub-pixel position, to the nearest pixel centers outside.
 
     Bilinear between pixel centers. The field counts to the border of those pixels, half a pixel
@@ -220,33 +216,32 @@ def distance_at(views, v, column, row):
     x, y = column - 0.5, row - 0.5
     c, r = int(x), int(y)
     s, t = x - c, y - r
-    above = (1 - s) * distance_to(views, v, r, c) + s * distance_to(views, v, r, c + 1)
-    below = (1 - s) * distance_to(views, v, r + 1, c) + s * distance_to(views, v, r + 1, c + 1)
+    above = (1 - s) * distance_to(view, r, c) + s * distance_to(view, r, c + 1)
+    below = (1 - s) * distance_to(view, r + 1, c) + s * distance_to(view, r + 1, c + 1)
     return (1 - t) * above + t * below + 0.5
 
 
 @kernel
-def measure_radii(views, begin, end, points, out_radii):
-    """Lower out_radii to the distance to the surface that any view shows; 0 where one is outside.
+def measure_radii(view, begin, end, points, out_radii):
+    """Lower out_radii to the distance to the surface that a view shows; 0 where one is outside.
 
     A ball round a point inside the shape is seen as a disc inside the silhouette and as a depth
     within the range, so the distance to the contour and the ways to both depths are no smaller than
     its radius; over many views the smallest is near it.
     """
-    for v in range(len(views.pixels)):
-        camera = camera_of(views, v)
-        for i in range(begin, end):
-            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
-            column, row, depth, inside = place_in(px, py, pz, camera, views.size)
-            found = numbers_of(views, v, int(row), int(column)) if inside else np.int64(-1)
-            if found < 0:
-                out_radii[i] = 0.0
-                continue
-            at = np.uint64(found)
-            low, high = views.values[at, NEAR], views.values[at, FAR]
-            if not low <= depth <= high:
-                out_radii[i] = 0.0
-                continue
-            ways = min(depth - low, high - depth)
-            away = distance_at(views, v, column, row) * camera.pixel
-            out_radii[i] = min(out_radii[i], ways, away)
+    camera = camera_of(view)
+    for i in range(begin, end):
+        px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+        column, row, depth, inside = place_in(px, py, pz, camera, view.size)
+        found = numbers_of(view, int(row), int(column)) if inside else np.int64(-1)
+        if found < 0:
+            out_radii[i] = 0.0
+            continue
+        at = np.uint64(found)
+        low, high = view.values[at, NEAR], view.values[at, FAR]
+        if not low <= depth <= high:
+            out_radii[i] = 0.0
+            continue
+        ways = min(depth - low, high - depth)
+        away = distance_at(view, column, row) * view.pixel
+        out_radii[i] = min(out_radii[i], ways, away)

@@ -1,14 +1,14 @@
 """The core's own views of triangles, for meshes and clouds (thesis 3.7.4.2).
 
 `Rasterizer` is a `ViewSource`. A pair of views needs less than two of them: of the first one the
-whole depth range, since sharpening asks for it anywhere; of the second one its silhouette, and
-depths where rows cross its skeleton. So a `Canvas` draws the first one whole; of the second one it
-walks the outlines, and then draws the few triangles over those pixels. It is kept from view to
+whole depth range, since sharpening asks for it anywhere; of the second one its silhouette alone. So
+a `Canvas` draws the first one; of the second one it walks the outlines. It is kept from view to
 view: pictures made anew cost as much as what is drawn into them.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +16,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from medialis.base.arrays import Described
 from medialis.base.errors import InvalidShapeError
@@ -24,21 +23,22 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.from_views.views import (
-    NO_FIELD,
+    Crossings,
     OrthographicCamera,
     Picked,
     Picture,
     Scratch,
     View,
-    check_border,
+    runs_of,
     skeletonize,
+    sphere_of,
 )
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton.importance.geodesics import along_space
 
 if TYPE_CHECKING:
-    from medialis.curves.from_views._draw_kernels import Box
+    from medialis.curves.from_views._draw_kernels import Box, Screen
 
 DISC_NEIGHBOUR = 12
 """The radius of the disc of a sample is the distance to its neighbour of this rank: discs overlap,
@@ -46,8 +46,6 @@ also where samples are irregular (checked on random samples of a sphere and a to
 
 WIDEST_DISC = 4.0
 """Usual discs: an isolated sample must not become a plate."""
-
-NOTHING_WANTED = np.empty((0, 0), np.int32)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -146,65 +144,57 @@ class Canvas:
     """
 
     def __init__(self, triangles: Rasterizer, size: int) -> None:
-        from medialis.curves.from_views._draw_kernels import Screen
+        from medialis.curves.from_views._draw_kernels import Box
 
         triangles, n = triangles.ordered, len(triangles.points)
         self.size, self._triangles, self.scratch = size, triangles, Scratch(size)
-        self._screen = Screen(np.empty((n, 3)), np.empty((n, 2), np.int32))
-        self._pictures = np.empty((2, 2, size, size), np.float32)
+        self._sphere = sphere_of(triangles.points)
+        self._spots, self._depths = np.empty((n, 2), np.int32), np.empty(n)
+        self._near, self._far = np.full((2, size, size), np.nan, np.float32)
+        self._drawn = Box(0, 0, 0, 0)
         self.field = np.empty((size, size), np.float32)
         self._sides = np.empty(len(triangles.faces), np.int8)
-        self._picked = np.empty(len(triangles.faces), np.int32)
         self._steps = np.zeros((size, size + 1), np.int32)
-        self._wanted = np.empty((size + 1, size + 1), np.int32)
 
-    def _begin(self, camera: OrthographicCamera, pictures: NDArray[np.float32]) -> Box:
+    def _see(self, camera: OrthographicCamera) -> tuple[Screen, Box]:
+        """Return all points as a camera sees them, and the box of pixels that they may cover."""
         from medialis.curves.from_views import _draw_kernels as kernels
 
+        middle, radius = self._sphere
+        reach = (math.dist(camera.center, middle) + radius) / camera.pixel + camera.size
+        bits = max(int(math.log2(kernels.FARTHEST / reach)), 1)
+        screen = kernels.Screen(self._spots, self._depths, bits)
         seen = camera.center, camera.axes, camera.size, camera.pixel
-        box = kernels.Box(*kernels.project_points(self._triangles.points, *seen, self._screen))
-        kernels.begin_picture(box, *pictures)
-        return box
-
-    def _draw_faces(self, wanted: IntArray, near: Picture, far: Picture) -> None:
-        from medialis.curves.from_views import _draw_kernels as kernels
-
-        faces, screen, picked = self._triangles.faces, self._screen, self._picked
-        count = kernels.pick_faces(faces, screen.cells, self.size, wanted, picked)
-        kernels.draw_depth_range(faces, picked[:count], screen, near, far)
+        return screen, kernels.Box(*kernels.project_points(self._triangles.points, *seen, screen))
 
     def draw(self, camera: OrthographicCamera) -> tuple[Picture, Picture, Box]:
         """Return near and far depths of all pixels, and their box."""
-        from medialis.curves.from_views import _draw_kernels as kernels
+        from medialis.curves.from_views._draw_kernels import draw_depth_range
 
-        near, far = self._pictures[0]
-        box = self._begin(camera, self._pictures[0])
-        self._draw_faces(NOTHING_WANTED, near, far)
-        kernels.mark_outside(box, near, far)
+        (screen, box), near, far, last = self._see(camera), self._near, self._far, self._drawn
+        for picture in (near, far):
+            picture[last.first : last.last, last.left : last.right] = np.nan
+        self._drawn = box
+        draw_depth_range(self._triangles.faces, screen, near, far)
         return near, far, box
 
     def first(self, camera: OrthographicCamera, saliency: float) -> Picked:
         """Return all depths of a view; `field` has the distances to its contour."""
         near, far, box = self.draw(camera)
-        check_border(near)
-        crossings = skeletonize(near, saliency, self.scratch, self.field, box)
-        return Picked(camera, near, far, crossings, box)
+        runs = runs_of(near, self.scratch, box)
+        crossings = skeletonize(runs, saliency, self.scratch, self.field)
+        return Picked(camera, near, far, crossings, runs)
 
-    def second(self, camera: OrthographicCamera, saliency: float) -> Picked:
-        """Return the depths of a view where rows cross its skeleton; of others nothing is known."""
+    def second(self, camera: OrthographicCamera, saliency: float) -> Crossings:
+        """Return where rows cross the skeleton of a view that is not drawn."""
         from medialis.curves.from_views import _draw_kernels as kernels
 
-        near, far = self._pictures[1]
-        box = self._begin(camera, self._pictures[1])
-        faces, screen = self._triangles.faces, self._screen
-        kernels.face_sides(faces, screen.places, self._sides)
+        screen, box = self._see(camera)
+        kernels.face_sides(self._triangles.faces, screen.spots, self._sides)
         kernels.count_borders(self._triangles.edges, self._sides, screen, self._steps)
-        kernels.fill_silhouette(box, self._steps, near, far)
-        check_border(near)
-        crossings = skeletonize(near, saliency, self.scratch, NO_FIELD, box)
-        kernels.count_crossings(box, crossings.begin, crossings.column, near, self._wanted)
-        self._draw_faces(self._wanted, near, far)
-        return Picked(camera, near, far, crossings, box)
+        runs = self.scratch.runs
+        runs = runs[: kernels.silhouette_runs(box, self._steps, runs)]
+        return skeletonize(runs, saliency, self.scratch)
 
 
 def rasterizer(shape: ShapeLike) -> Rasterizer:
