@@ -85,7 +85,7 @@ class OrthographicCamera(Described):
             if value.shape != shape or not np.isfinite(value).all():
                 raise InvalidOptionError(f"{name} must be {shape} finite numbers, got {value!r}.")
             object.__setattr__(self, name, frozen(value, np.float64))
-        if not np.allclose(self.axes @ self.axes.T, np.eye(3), rtol=0, atol=1e-6):
+        if np.abs(self.axes @ self.axes.T - np.eye(3)).max() > 1e-6:
             raise InvalidOptionError("axes must be three unit vectors at right angles.")
         object.__setattr__(self, "extent", as_number(self.extent, "extent", low=0, open_low=True))
         size = as_whole_number(self.size, "size", low=8, high=MAX_SIZE)
