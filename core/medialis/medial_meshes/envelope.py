@@ -301,22 +301,21 @@ def _variants(
     Then the same with cells of half the width, unless that is less than `finest`.
     """
     box = low, high
-    for width in (cell, 0.5 * cell) if 0.5 * cell >= finest else (cell,):
-        yield _Field.of(envelope, *box, width).surface(0.0)
+
+    def thickened(width: float) -> Surface:
         balls = envelope.balls.copy()
         balls[:, 3] = np.maximum(balls[:, 3], THREAD * width)
-        yield _Field.of(Envelope(balls, envelope.rows), *box, width).surface(0.0)
-        yield from _moved(envelope, *box, width, MOVED if width == cell else MOVED + FAR)
-    yield from _moved(envelope, *box, cell, FAR)
+        return _Field.of(Envelope(balls, envelope.rows), *box, width).surface(0.0)
 
-
-def _moved(
-    envelope: Envelope, low: FloatArray, high: FloatArray, cell: float, moves: tuple[float, ...]
-) -> Iterator[Surface]:
-    """Yield surfaces that are moved by cells."""
-    field = _Field.of(envelope, low, high, cell, max(moves))
-    for move in moves:
-        yield field.surface(move * cell)
+    yield _Field.of(envelope, *box, cell).surface(0.0)
+    yield thickened(cell)
+    yield from _Field.of(envelope, *box, cell, max(MOVED)).moved(MOVED, cell)
+    if (width := 0.5 * cell) >= finest:
+        field = _Field.of(envelope, *box, width, max(FAR))
+        yield field.surface(0.0)
+        yield thickened(width)
+        yield from field.moved(MOVED + FAR, width)
+    yield from _Field.of(envelope, *box, cell, max(FAR)).moved(FAR, cell)
 
 
 def _handles(surface: Surface) -> int:
@@ -393,6 +392,10 @@ class _Field:
         """
         return Surface.of_checked(*_marched(self.grid, self.values - level, self.cells))
 
+    def moved(self, moves: tuple[float, ...], cell: float) -> Iterator[Surface]:
+        """Yield surfaces that are moved by cells of this width."""
+        return (self.surface(move * cell) for move in moves)
+
 
 def _crossed(
     envelope: Envelope, origin: FloatArray, cell: float, count: Index, moved: float = 0.0
@@ -425,18 +428,16 @@ def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatA
     """
     signs = np.packbits((values < 0)[cells], axis=1)[:, 0]
     crossed = np.flatnonzero((signs != 0) & (signs != 255))
-    cells, masks = cells[crossed], MASKS[signs[crossed]].ravel()
+    corners, masks = cells[crossed].ravel(), MASKS[signs[crossed]].ravel()
     order = np.argsort(masks, kind="stable")
     starts = np.searchsorted(masks[order], np.arange(len(CUTS) + 1))
-    inner, outer = [np.zeros((0, 3), np.int64)], [np.zeros((0, 3), np.int64)]
+    parts = [np.zeros((0, 3, 2), np.int64)]
     for case, triangles in enumerate(CUTS):
-        at, tetrahedron = np.divmod(order[starts[case] : starts[case + 1]], len(TETRAHEDRA))
-        for triangle in triangles:
-            corners = TETRAHEDRA[tetrahedron][:, np.array(triangle)]
-            inner.append(8 * at[:, None] + corners[:, :, 0])
-            outer.append(8 * at[:, None] + corners[:, :, 1])
-    i, k = np.concatenate(inner).ravel(), np.concatenate(outer).ravel()
-    inside, outside = cells.ravel()[i], cells.ravel()[k]
+        cell, tetrahedron = np.divmod(order[starts[case] : starts[case + 1]], len(TETRAHEDRA))
+        own = 8 * cell[:, None] + TETRAHEDRA[tetrahedron]
+        parts += [own.take(triangle, axis=1) for triangle in triangles]
+    i, k = np.concatenate(parts).reshape(-1, 2).T
+    inside, outside = corners[i], corners[k]
     keys = WAYS * inside + k - i + WAYS // 2
     used = np.zeros(WAYS * len(values), bool)
     used[keys] = True

@@ -349,12 +349,16 @@ class _Rest:
         rest = Envelope(self.balls, np.array([(*one, -1, -1)[:3] for one in sorted(tops)]))
         points = self._points(part)
         out = rest.distances(points)[0]
-        if out.max() <= self.bound and (rest.distances(self.gone)[0] <= self.bound).all():
+        if out.max() <= self.bound and self._held(rest):
             self.gone = np.concatenate([self.gone, points[out > -self.bound]])
             return True
         self._take(side, part, 1)
         self._refused.add((side, part))
         return False
+
+    def _held(self, rest: Envelope) -> bool:
+        """Tell whether what was taken away before is near enough to some part of the rest."""
+        return bool((rest.distances(self.gone, enough=self.bound)[0] < self.bound).all())
 
     @property
     def complex(self) -> Complex:
