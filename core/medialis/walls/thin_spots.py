@@ -589,7 +589,8 @@ class WallBalls:
         border = around[~self.marked[around]]
         self.marked[vertices] = False
         if len(border):
-            depth = np.minimum(depth, kd_tree(self.surface.points[border]).query(points)[0])
+            tree = kd_tree(self.surface.points[border], near=False)
+            depth = np.minimum(depth, tree.query(points)[0])
         return int(rows[np.argmax(np.round(depth / self.surface.spacing, 6))])
 
     @cached_property
@@ -597,7 +598,7 @@ class WallBalls:
         """Tree of the samples without a ball between two walls; None: there are none."""
         without = np.ones(self.surface.point_count, np.bool_)
         without[self.balls.source] = False
-        return kd_tree(self.surface.points[without]) if without.any() else None
+        return kd_tree(self.surface.points[without], near=False) if without.any() else None
 
     def _rows_in(self, vertices: IntArray) -> Index:
         """Return the balls of some samples, by rising radius."""
