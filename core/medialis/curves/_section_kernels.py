@@ -1,4 +1,4 @@
-"""Kernel of cross-sections: the closed outline round a place in which a plane cuts triangles."""
+"""Kernels across a line: the outlines in which planes cut triangles, and the balls beside it."""
 
 from __future__ import annotations
 
@@ -156,3 +156,66 @@ def measure_outlines(begin, end, mesh, places, frames, once, ways, out_measures)
                 low, high = min(low, along), max(high, along)
             least, most = min(least, high - low), max(most, high - low)
         out_measures[i, 0], out_measures[i, 1], out_measures[i, 2] = abs(area) / 2.0, least, most
+
+
+class Beside(NamedTuple):
+    """Balls near each of k places along a line, in three spheres: behind, at and before the place.
+
+    Those of sphere s of place i are ``rows[starts[3 * i + s]:starts[3 * i + s + 1]]``, and so are
+    those of its neighbours: a ball counts in the sphere whose middle is the nearest along the line.
+
+    Attributes
+    ----------
+    places, tangents : (k, 3) float64
+    radii : (k,) float64
+        The unit of lengths at each place.
+    starts : (3 k + 1,) int64
+    rows : (f,) int64
+    """
+
+    places: NDArray[np.float64]
+    tangents: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    starts: NDArray[np.int64]
+    rows: NDArray[np.int64]
+
+
+@kernel
+def keep_wide(beside, centers, radii, limits, along, aside, kept):
+    """Tell which balls count for a place, and where they lie.
+
+    Parameters
+    ----------
+    beside : Beside
+    centers, radii : (n, 3) float64, (n,) float64
+    limits : (4,) float64
+        How far off and aside a ball may lie; how far along it is compared with others, and the
+        share of the radius of the largest of these that it has at least.
+    along, aside : (f,) float64
+        Filled: how far along the tangent and beside it each center lies.
+    kept : (f,) bool
+        Filled.
+    """
+    for i in range(len(beside.places)):
+        unit, largest = beside.radii[i], 0.0
+        x, y, z = beside.tangents[i]
+        begin, end = beside.starts[3 * i], beside.starts[3 * i + 3]
+        sphere = 0
+        for row in range(begin, end):
+            while row >= beside.starts[3 * i + sphere + 1]:
+                sphere += 1
+            ball = beside.rows[row]
+            off_x = centers[ball, 0] - beside.places[i, 0]
+            off_y = centers[ball, 1] - beside.places[i, 1]
+            off_z = centers[ball, 2] - beside.places[i, 2]
+            share = (off_x * x + off_y * y + off_z * z) / unit
+            length = unit * share
+            off_x, off_y, off_z = off_x - length * x, off_y - length * y, off_z - length * z
+            away = math.sqrt(off_x * off_x + off_y * off_y + off_z * off_z) / unit
+            along[row], aside[row] = share, away
+            kept[row] = share * share + away * away < limits[0] * limits[0] and away < limits[1]
+            kept[row] = kept[row] and math.floor(share + 1.5) == sphere
+            if kept[row] and abs(share) < limits[2]:
+                largest = max(largest, radii[ball])
+        for row in range(begin, end):
+            kept[row] = kept[row] and radii[beside.rows[row]] >= limits[3] * largest

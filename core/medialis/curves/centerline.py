@@ -15,6 +15,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,6 +64,13 @@ ASIDE = 0.5
 
 WIDE = 0.8
 """Balls count that have this share of the radius of the largest ball there, at least."""
+
+LIMITS = np.array([WINDOW, ASIDE, 0.5, WIDE])
+"""Of a sheet the widest ridge counts; a ball is compared with those half a radius before and behind
+it."""
+
+SPHERE = 1.001 * math.hypot(0.5, ASIDE)
+"""Radii of spheres a radius apart, which hold all balls that count."""
 
 BEND = 3.0
 """Radii: bends shorter than this are smoothed."""
@@ -285,26 +293,27 @@ def _fitted(
     All places at once: what belongs to a place are `owner` rows of flat arrays, and for the fits
     rows of a table (k, b), with zeros where a place has fewer balls.
     """
-    nearest = rows[tree.query(places)[1]]
+    from medialis.curves._section_kernels import Beside, keep_wide
+
+    away, nearest = tree.query(places)
+    nearest = rows[nearest]
     radius, count = cloud.radii[nearest], len(places)
-    lists = tree.query_ball_point(places, WINDOW * radius, return_sorted=False)
+    # Three spheres hold what lies aside by ASIDE: a third of what one of radius WINDOW holds.
+    middles = places[:, None] + radius[:, None, None] * tangents[:, None] * [[-1.0], [0.0], [1.0]]
+    wide = np.repeat(SPHERE * radius, 3)
+    lists = tree.query_ball_point(middles.reshape(-1, 3), wide, return_sorted=False)
     sizes = np.array([len(found) for found in lists])
-    result = np.where((sizes == 0)[:, None], cloud.centers[nearest], places)
     found = rows[np.concatenate([np.asarray(found, np.int64) for found in lists])]
-    owner = np.repeat(np.arange(count), sizes)
-    offsets, radii = cloud.centers[found] - places[owner], cloud.radii[found]
-    along = np.einsum("ij,ij->i", offsets, tangents[owner]) / radius[owner]
-    across = offsets - (radius[owner] * along)[:, None] * tangents[owner]
-    aside = np.linalg.norm(across, axis=1) / radius[owner]
-    near = (np.abs(along) < WINDOW) & (aside < ASIDE)
-    # Of a sheet the widest ridge counts; a ball is compared with those beside it.
-    beside = near & (np.abs(along) < 0.5)
-    largest = np.zeros(count)
-    np.maximum.at(largest, owner[beside], radii[beside])
-    near &= radii >= WIDE * largest[owner]
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    along, aside, near = np.empty(len(found)), np.empty(len(found)), np.empty(len(found), np.bool_)
+    around = Beside(places, np.ascontiguousarray(tangents), radius, starts, found)
+    keep_wide(around, cloud.centers, cloud.radii, LIMITS, along, aside, near)
+    result = np.where((away > WINDOW * radius)[:, None], cloud.centers[nearest], places)
     if not near.any():
         return result
-    found, owner, along, aside = found[near], owner[near], along[near], aside[near]
+    owner = np.repeat(np.arange(3 * count) // 3, sizes)[near]
+    found, along, aside = found[near], along[near], aside[near]
+    offsets, radii = cloud.centers[found] - places[owner], cloud.radii[found]
     weights = (1.0 - (along / WINDOW) ** 2) * (1.0 - (aside / ASIDE) ** 2)
     weights *= np.maximum(cloud.surface.point_areas[cloud.source[found]], 1e-300)
     most, sizes = np.zeros(count), np.bincount(owner, minlength=count)
@@ -317,7 +326,7 @@ def _fitted(
     touching = cloud.surface.points[cloud.source[found]] - cloud.centers[found]
     column = np.arange(len(owner)) - (np.cumsum(sizes) - sizes)[owner]
     table = np.zeros((count, sizes.max(), 9))
-    flat = root * np.column_stack([powers, touching / radii[near, None], offsets[near]])
+    flat = root * np.column_stack([powers, touching / radii[:, None], offsets])
     table[owner, column] = flat
     system, towards, wanted = table[..., :3], table[..., 3:6], table[..., 6:]
     solve = np.linalg.pinv(system, rcond=1e-6)
