@@ -306,17 +306,17 @@ def with_round_parts(curve: CurveSkeleton) -> CurveSkeleton:
     centers, radii = balls.centers[large], balls.radii[large]
     all_centers = kd_tree(balls.centers)
     points = cloud.surface.points[: len(own)]
+    free = (_apart(centers, curve.nodes) > curve.radii).all(axis=1)
     for _ in range(MOST_ROUND):
-        away = _apart(centers, curve.nodes)
-        free = (away > curve.radii).all(axis=1)
         if not free.any():
             break
         best = int(np.argmax(np.where(free, radii, 0.0)))
-        start = int((away[best] - curve.radii).argmin())
+        start = int((_apart(centers[best, None], curve.nodes)[0] - curve.radii).argmin())
         steps = np.linspace(0.0, 1.0, ROUND_NODES + 1)[1:, None]
         places = curve.nodes[start] + steps * (centers[best] - curve.nodes[start])
         sizes = balls.radii[all_centers.query(places)[1]]
         sizes[-1] = radii[best]
+        free &= (_apart(centers, places) > sizes).all(axis=1)
         first = len(curve.nodes)
         chain = [start, *range(first, first + ROUND_NODES)]
         # What is nearer to a new ball than to that of its own node goes over to it.
