@@ -529,38 +529,45 @@ def _cross(corners, axis, out_counts):
         out_counts[2 * axis + 1] -= facing
 
 
+FACES = 64
+"""In a block: neighbours in a file mostly lie side by side, and rays miss nearly all blocks."""
+
+
 @kernel
 def bound_faces(points, faces, out_bounds):
-    """Write the least and the largest coordinates of each face, (6, m)."""
+    """Write the least and the largest coordinates of m faces, then of their blocks, (6, m + b)."""
+    out_bounds[:3, len(faces) :], out_bounds[3:, len(faces) :] = np.inf, -np.inf
     for f in range(len(faces)):
-        a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+        a, b, c, block = faces[f, 0], faces[f, 1], faces[f, 2], len(faces) + f // FACES
         for axis in range(3):
             x, y, z = points[a, axis], points[b, axis], points[c, axis]
-            out_bounds[axis, f] = min(min(x, y), z)
-            out_bounds[3 + axis, f] = max(max(x, y), z)
+            low, high = min(min(x, y), z), max(max(x, y), z)
+            out_bounds[axis, f], out_bounds[3 + axis, f] = low, high
+            out_bounds[axis, block] = min(out_bounds[axis, block], low)
+            out_bounds[3 + axis, block] = max(out_bounds[3 + axis, block], high)
+
+
+@kernel
+def _meets_rays(bounds, i, x, y, z):
+    """Tell whether rays along the axes from a place may meet what has these bounds.
+
+    Along an axis only where the place is within the bounds on the two others.
+    """
+    on_x = (bounds[0, i] <= x) & (x <= bounds[3, i])
+    on_y = (bounds[1, i] <= y) & (y <= bounds[4, i])
+    on_z = (bounds[2, i] <= z) & (z <= bounds[5, i])
+    return (on_x & on_y) | (on_y & on_z) | (on_z & on_x)
 
 
 @kernel
 def count_crossings(points, faces, bounds, place, out_counts):
-    """Faces that the six rays from a place along the axes leave through, less those they enter.
-
-    A ray along an axis meets a face only where the place is within its bounds on the two others.
-    """
-    x, y, z, met = place[0], place[1], place[2], np.empty(1024, np.int8)
-    corners = np.empty((3, 3))
-    for begin in range(0, len(faces), len(met)):
-        end, some = min(begin + len(met), len(faces)), 0
-        for f in range(begin, end):
-            on_x = (bounds[0, f] <= x) & (x <= bounds[3, f])
-            on_y = (bounds[1, f] <= y) & (y <= bounds[4, f])
-            on_z = (bounds[2, f] <= z) & (z <= bounds[5, f])
-            two = (on_x & on_y) | (on_y & on_z) | (on_z & on_x)
-            met[f - begin] = two
-            some += two
-        if some == 0:
+    """Faces that the six rays from a place along the axes leave through, less those they enter."""
+    x, y, z, corners = place[0], place[1], place[2], np.empty((3, 3))
+    for begin in range(0, len(faces), FACES):
+        if not _meets_rays(bounds, len(faces) + begin // FACES, x, y, z):
             continue
-        for f in range(begin, end):
-            if met[f - begin] == 0:
+        for f in range(begin, min(begin + FACES, len(faces))):
+            if not _meets_rays(bounds, f, x, y, z):
                 continue
             for axis in range(3):
                 u, v = (axis + 1) % 3, (axis + 2) % 3

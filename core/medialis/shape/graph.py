@@ -194,12 +194,13 @@ class Enclosure:
         return np.einsum("na,ab->nb", self.shape.points - self.shape.bounds[0], VIEW)
 
     @cached_property
-    def _face_bounds(self) -> FloatArray:
-        """Least and largest coordinates of each face as seen, (6, m)."""
-        from medialis.shape._kernels import bound_faces
+    def _bounds(self) -> FloatArray:
+        """Least and largest coordinates of faces as seen, then of blocks of them, (6, m + b)."""
+        from medialis.shape._kernels import FACES, bound_faces
 
         assert self.shape.faces is not None
-        bounds = np.empty((6, self.shape.face_count))
+        count = self.shape.face_count
+        bounds = np.empty((6, count + -(-count // FACES)))
         bound_faces(self._seen, self.shape.faces, bounds)
         return bounds
 
@@ -216,7 +217,7 @@ class Enclosure:
             return _times_by_samples(self.shape, places)
         from medialis.shape._kernels import count_crossings
 
-        counts, mesh = np.zeros((len(places), 6)), (self._seen, self.shape.faces, self._face_bounds)
+        counts, mesh = np.zeros((len(places), 6)), (self._seen, self.shape.faces, self._bounds)
         for row, place in zip(counts, (places - self.shape.bounds[0]) @ VIEW, strict=True):
             count_crossings(*mesh, place, row)
         return np.asarray(np.median(counts, axis=1))

@@ -83,7 +83,7 @@ def complete(surface: Shape, other: FloatArray, known: FloatArray) -> CompletedF
         known = _with_other_components(surface, other, known, seed)
         seed, distance, rows = nearest_seeds(surface.points, graph, ~np.isnan(known))
     values = np.where(seed >= 0, known[seed], known)
-    _smooth(rows, values, known, surface, graph)
+    _smooth(rows, values, known, (surface.points, surface.faces), graph)
     _nearest_in_space(surface, values)
     return CompletedField(surface, known, values, seed, distance, missing & ~np.isnan(known))
 
@@ -110,7 +110,7 @@ def complete_again(before: CompletedField, other: FloatArray, known: FloatArray)
     seed[changed] = np.where(missing[changed], seed[changed], changed)
     cut = (seed >= 0) & lost[seed]
     rows = np.flatnonzero(cut)
-    graph = mesh_graph(surface.faces, cut)
+    graph = mesh_graph(_faces_at(surface, rows), cut)
     seed[rows], distance[rows] = -1, np.inf
     spread_again(rows, cut, surface.points, graph.offsets, graph.indices, distance, seed)
     if (seed[rows] < 0).any():
@@ -123,11 +123,21 @@ def complete_again(before: CompletedField, other: FloatArray, known: FloatArray)
     values = np.where(missing, before.values, known)
     values[seed < 0] = np.nan
     # The nearest to what is known first, as above: the shape gives the order.
-    nearest = np.argsort(np.where(near, distance, np.inf), kind="stable")[: near.sum()]
-    graph = mesh_graph(surface.faces, near)
-    _smooth(nearest.astype(np.int32), values, known, surface, graph)
+    nearest = np.flatnonzero(near)
+    nearest = nearest[np.argsort(distance[nearest], kind="stable")]
+    faces = _faces_at(surface, nearest)
+    graph = mesh_graph(faces, near)
+    _smooth(nearest.astype(np.int32), values, known, (surface.points, faces), graph)
     _nearest_in_space(surface, values)
     return CompletedField(surface, known, values, seed, distance, lent)
+
+
+def _faces_at(surface: Shape, rows: Index) -> IntArray:
+    """Return the faces with one of some samples, in their order."""
+    assert surface.faces is not None
+    wanted = np.zeros(surface.face_count, np.bool_)
+    wanted[surface.fans.joined(rows) // 3] = True
+    return surface.faces[wanted]
 
 
 def _near(surface: Shape, free: Mask, starts: Index, field: FloatArray) -> Mask:
@@ -154,9 +164,15 @@ def _with_other_components(
 
 
 def _smooth(
-    rows: IntArray, values: FloatArray, known: FloatArray, surface: Shape, graph: Ragged
+    rows: IntArray,
+    values: FloatArray,
+    known: FloatArray,
+    mesh: tuple[FloatArray, IntArray],
+    graph: Ragged,
 ) -> None:
     """Give samples the values that are smooth between those of all others, in place.
+
+    `mesh` are the points and all faces with such a sample.
 
     Of logarithms: what few steps leave undone is a share of the value then, also in a thin fin on a
     thick base.
@@ -167,7 +183,7 @@ def _smooth(
     free[rows] = True
     low, high = np.nanmin(known), np.nanmax(known)
     logarithms = np.log(values / high)
-    weigh_links(surface.points, surface.faces, free, graph.offsets, graph.indices, weights)
+    weigh_links(*mesh, free, graph.offsets, graph.indices, weights)
     system = _room(len(rows), len(weights))
     count = enter_rows(rows, graph.offsets, graph.indices, weights, logarithms, system)
     found = _solve(_levels(_trimmed(system, count)))
