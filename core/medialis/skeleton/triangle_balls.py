@@ -326,10 +326,14 @@ def with_edge_balls(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     are the sample; its spoke angle is that of the crease.
     """
     surface, creases = cloud.surface, walls.creases
-    cut = np.zeros((surface.point_count, 2), np.bool_)
-    for column, sign in enumerate((1, -1)):
-        cut[creases.cut_vertices(sign), column] = True
-    rows = np.flatnonzero(cut[cloud.source, (cloud.side < 0).astype(np.int64)])
+    cut_rows = np.zeros(len(cloud), np.bool_)
+    for sign in (1, -1):
+        mine = cloud.side == sign
+        if mine.any():
+            cut = np.zeros(surface.point_count, np.bool_)
+            cut[creases.cut_vertices(sign)] = True
+            cut_rows |= mine & cut[cloud.source]
+    rows = np.flatnonzero(cut_rows)
     lowest = np.ones(surface.point_count)
     cosines = np.einsum("ij,ij->i", creases.normals, surface.normals[creases.vertices])
     np.minimum.at(lowest, creases.vertices, cosines)
