@@ -76,16 +76,16 @@ class Room(NamedTuple):
         Which of them the half-edge before does not have: 0 left, 1 right.
     bends : (2, s) int64
         At which half-edge the path bends and at which end: 0 left, 1 right.
-    places, at : (2 s + 3, 2) float64 and (2 s + 3,) int64
-        The vertices of the funnel, and at which half-edge each was first.
-    tips : (2,) int64
-        Where its left and its right side end there.
+    tips, at : (2, 2) float64 and (2,) int64
+        Of the left and the right side of the funnel: from its apex, and at which half-edge first.
     turned : (w,) int64
         Half-edges round a vertex.
     near : (3, 3) float64
         Points next to the start and to the end of the path, and the place of its end in the plane.
     last : (2,) int64
         How many half-edges it crosses, and how often it bends.
+    apexes : (3m, 2) float64
+        See `lay_apexes`.
     """
 
     strips: NDArray[np.int64]
@@ -93,23 +93,23 @@ class Room(NamedTuple):
     flat: NDArray[np.float64]
     side: NDArray[np.int64]
     bends: NDArray[np.int64]
-    places: NDArray[np.float64]
+    tips: NDArray[np.float64]
     at: NDArray[np.int64]
-    tips: NDArray[np.int64]
     turned: NDArray[np.int64]
     near: NDArray[np.float64]
     last: NDArray[np.int64]
+    apexes: NDArray[np.float64]
 
 
 @kernel
-def make_room(faces):
-    size = min(faces + 1, LONGEST_STRIP)
+def make_room(apexes):
+    size = min(len(apexes) // 3 + 1, LONGEST_STRIP)
     strips, bends = np.empty((2, size), np.int64), np.empty((2, size), np.int64)
     ends, side = np.empty((size, 2), np.int64), np.zeros(size, np.int64)
     turned, last = np.empty(WIDEST, np.int64), np.zeros(2, np.int64)
-    flat, places, near = np.empty((size, 4)), np.empty((2 * size + 3, 2)), np.empty((3, 3))
-    at, tips = np.empty(2 * size + 3, np.int64), np.empty(2, np.int64)
-    return Room(strips, ends, flat, side, bends, places, at, tips, turned, near, last)
+    flat, tips, near = np.empty((size, 4)), np.empty((2, 2)), np.empty((3, 3))
+    at = np.empty(2, np.int64)
+    return Room(strips, ends, flat, side, bends, tips, at, turned, near, last, apexes)
 
 
 @kernel
@@ -131,100 +131,108 @@ def _first_portal(points, a, b, start, ends, flat):
 
 
 @kernel
+def lay_apexes(begin, end, walk, out_apexes):
+    """Measure where the third corner of a face lies from each of its half-edges.
+
+    How far along that, as a share, and how far to its left, in its lengths (3m, 2).
+    """
+    points, corners = walk.points, walk.corners
+    for h in range(begin, end):
+        a, b, c = corners[h], corners[next_side(h)], corners[previous_side(h)]
+        ee = ww = along = 0.0
+        for i in range(3):
+            e, w = points[b, i] - points[a, i], points[c, i] - points[a, i]
+            ee += e * e
+            ww += w * w
+            along += e * w
+        out_apexes[h, 0], out_apexes[h, 1] = along, 0.0
+        if ee > 0.0:
+            out_apexes[h, 0] = along / ee
+            out_apexes[h, 1] = math.sqrt(max(ww * ee - along * along, 0.0)) / ee
+
+
+@kernel
 def _unfold(walk, strip, first, count, start, room):
     """Lay a strip into the plane, with the start at the origin; returns the place of the end.
 
-    The half-edges before the `first` lie there already.
+    The half-edges before the `first` lie there already. Nothing branches on which end changes: that
+    is as good as chance.
     """
     points, corners, twins, _, _ = walk
-    ends, flat, side = room.ends, room.flat, room.side
+    ends, flat, side, apexes = room.ends, room.flat, room.side, room.apexes
     if first == 0:
         h = strip[0]
         _first_portal(points, corners[h], corners[next_side(h)], start, ends, flat)
         first = 1
     x = y = 0.0
-    left, right = ends[first - 1, 0], ends[first - 1, 1]
-    k = first - 1
-    lx, ly, rx, ry = flat[k, 0], flat[k, 1], flat[k, 2], flat[k, 3]
     for k in range(first - 1, count):
-        c = corners[previous_side(twins[strip[k]])]
-        px, py, pz = points[left, 0], points[left, 1], points[left, 2]
-        ex, ey, ez = points[right, 0] - px, points[right, 1] - py, points[right, 2] - pz
-        wx, wy, wz = points[c, 0] - px, points[c, 1] - py, points[c, 2] - pz
-        ee = ex * ex + ey * ey + ez * ez
-        along, high = ex * wx + ey * wy + ez * wz, 0.0
-        if ee > 0.0:
-            high = math.sqrt(max((wx * wx + wy * wy + wz * wz) * ee - along * along, 0.0)) / ee
-            along /= ee
-        fx, fy = rx - lx, ry - ly
-        x, y = lx + along * fx - high * fy, ly + along * fy + high * fx
+        t = twins[strip[k]]
+        along, high, agrees = apexes[t, 0], apexes[t, 1], corners[t] == ends[k, 0]
+        if not agrees:  # neighbours that agree run along their edge in opposite directions
+            along = 1.0 - along
+        fx, fy = flat[k, 2] - flat[k, 0], flat[k, 3] - flat[k, 1]
+        x, y = flat[k, 0] + along * fx - high * fy, flat[k, 1] + along * fy + high * fx
         if k + 1 == count:
             break
-        g = strip[k + 1]
-        if corners[g] == right or corners[next_side(g)] == right:
-            left, lx, ly = c, x, y
-            side[k + 1] = 0
-        else:
-            right, rx, ry = c, x, y
-            side[k + 1] = 1
-        flat[k + 1, 0], flat[k + 1, 1], flat[k + 1, 2], flat[k + 1, 3] = lx, ly, rx, ry
-        ends[k + 1, 0], ends[k + 1, 1] = left, right
+        new = 1 if (strip[k + 1] == next_side(t)) != agrees else 0
+        old = 1 - new
+        side[k + 1] = new
+        flat[k + 1, 2 * new], flat[k + 1, 2 * new + 1] = x, y
+        flat[k + 1, 2 * old], flat[k + 1, 2 * old + 1] = flat[k, 2 * old], flat[k, 2 * old + 1]
+        ends[k + 1, new], ends[k + 1, old] = corners[previous_side(t)], ends[k, old]
     return x, y
-
-
-@kernel
-def _left_of(ox, oy, ax, ay, bx, by):
-    """Positive where b lies left of the ray from o through a."""
-    return (ax - ox) * (by - oy) - (ay - oy) * (bx - ox)
 
 
 @kernel
 def _funnel(count, room, x, y):
     """Length of the shortest path in a strip, and how many times it bends.
 
-    Both sides of the funnel stand in one row, the left one below its apex, the right one above. A
-    half-edge has one end that the one before does not have, which goes to the tip of its side, and
-    takes off there what lies behind it; where it lies behind the whole side and across the other
-    one, the path bends at that: it becomes the apex. So no half-edge is looked at twice.
+    From an apex, the tips are the ends on both sides that leave the funnel narrowest. Where a new
+    end lies across the tip of the other side, and at last where the end of the path is not between
+    the tips, the path bends at one: that is the apex from the next half-edge on that it is not of.
     """
-    flat, places, at, tips, bends = room.flat, room.places, room.at, room.tips, room.bends
-    apex, number, length = len(at) // 2, 0, 0.0
-    places[apex, 0], places[apex, 1] = 0.0, 0.0
-    for new in range(2):
-        tips[new] = apex + 2 * new - 1
-        places[tips[new], 0], places[tips[new], 1] = flat[0, 2 * new], flat[0, 2 * new + 1]
-        at[tips[new]] = 0
-    for k in range(1, count + 1):
-        new, px, py = 1, x, y  # the end, at last, as if it lay on the right
-        if k < count:
-            new = room.side[k]
-            px, py = flat[k, 2 * new], flat[k, 2 * new + 1]
-        out = 2 * new - 1
-        tip, other = tips[new], tips[1 - new]
-        while tip != apex:
-            qx, qy = places[tip - out, 0], places[tip - out, 1]
-            if out * _left_of(qx, qy, places[tip, 0], places[tip, 1], px, py) < 0.0:
+    flat, side, tips, at, bends = room.flat, room.side, room.tips, room.at, room.bends
+    number, length, px, py, k = 0, 0.0, 0.0, 0.0, 0
+    at[0] = at[1] = 0
+    while True:
+        for new in range(2):
+            tips[new, 0], tips[new, 1] = flat[k, 2 * new] - px, flat[k, 2 * new + 1] - py
+        bend = -1
+        for i in range(k + 1, count):
+            new = side[i]
+            ux, uy = flat[i, 2 * new] - px, flat[i, 2 * new + 1] - py
+            out = 2.0 * new - 1.0
+            inside = out * (tips[new, 0] * uy - tips[new, 1] * ux)
+            across = out * (tips[1 - new, 0] * uy - tips[1 - new, 1] * ux)
+            if (inside >= 0.0) & (across > 0.0):
+                bend = 1 - new
                 break
-            tip -= out
-        while tip == apex and other != apex:
-            qx, qy, rx, ry = places[apex, 0], places[apex, 1], 0.0, 0.0
-            rx, ry = places[apex - out, 0], places[apex - out, 1]
-            if out * _left_of(qx, qy, rx, ry, px, py) <= 0.0:
-                break
-            length += math.sqrt((rx - qx) ** 2 + (ry - qy) ** 2)
-            apex -= out
-            tip = apex
-            bends[0, number], bends[1, number] = at[apex], 1 - new
-            number += 1
-        tip += out
-        places[tip, 0], places[tip, 1], at[tip], tips[new] = px, py, k, tip
-    for tip in range(apex + 1, tips[1] + 1):
-        qx, qy, rx, ry = places[tip - 1, 0], places[tip - 1, 1], places[tip, 0], places[tip, 1]
-        length += math.sqrt((rx - qx) ** 2 + (ry - qy) ** 2)
-        if tip < tips[1]:
-            bends[0, number], bends[1, number] = at[tip], 1
-            number += 1
-    return length, number
+            tips[new, 0] = ux if inside >= 0.0 else tips[new, 0]
+            tips[new, 1] = uy if inside >= 0.0 else tips[new, 1]
+            at[new] = i if inside >= 0.0 else at[new]
+        if bend < 0:
+            ux, uy = x - px, y - py
+            if tips[1, 0] * uy - tips[1, 1] * ux < 0.0:
+                bend = 1
+            elif tips[0, 0] * uy - tips[0, 1] * ux > 0.0:
+                bend = 0
+            else:
+                return length + math.sqrt(ux * ux + uy * uy), number
+        length += math.sqrt(tips[bend, 0] ** 2 + tips[bend, 1] ** 2)
+        k = at[bend]
+        px, py = flat[k, 2 * bend], flat[k, 2 * bend + 1]
+        bends[0, number], bends[1, number] = k, bend
+        number += 1
+        other = k
+        while other > 0 and side[other] == bend:
+            other -= 1
+        k += 1
+        while k < count and side[k] != bend:
+            other = k
+            k += 1
+        if k == count:
+            return length + math.sqrt((x - px) ** 2 + (y - py) ** 2), number
+        at[bend], at[1 - bend] = k, other
 
 
 @kernel
