@@ -531,6 +531,8 @@ def trace_geodesics(begin, stop, rows, walk, search, out):
         if best < math.inf:
             out.length[row], out.status[row] = best, PLANE
             for a in range(3):
-                old[a] = out.normal[row, a] = normal[a]
+                old[a] = normal[a]
+                if not following:
+                    out.normal[row, a] = normal[a]
                 out.start_tangent[row, a] = tangents[0, a]
                 out.end_tangent[row, a] = tangents[1, a]

@@ -67,7 +67,8 @@ class Paths(NamedTuple):
     length : (k,) float64
     start_tangent, end_tangent : (k, 3) float64
     normal : (k, 3) float64
-        Of the plane of the shortest cut; NaN: there is none, or an edge.
+        Of the plane of the shortest cut; NaN: there is none, or an edge. (0, 3) where pairs follow
+        others: nobody asks.
     status : (k,) int8
     """
 

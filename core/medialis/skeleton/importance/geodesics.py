@@ -320,12 +320,13 @@ def _along_borders(shape: Shape, ends: IntArray, out: Paths, progress: Progress)
     rows = np.flatnonzero(far)
     if len(rows) > MANY_LOST * shape.point_count:
         return
-    found = out._replace(**{name: values[rows] for name, values in out._asdict().items()})
+    parts = {name: values for name, values in out._asdict().items() if name != "normal"}
+    found = out._replace(**{name: values[rows] for name, values in parts.items()})
     every = np.arange(len(rows))
     _follow_edges(shape, ends[rows], every, SETTLED_ALONG_BORDERS, found, progress)
     shorter = found.length < out.length[rows]
-    for name, values in found._asdict().items():
-        getattr(out, name)[rows[shorter]] = values[shorter]
+    for name, values in parts.items():
+        values[rows[shorter]] = getattr(found, name)[shorter]
 
 
 def _most_settled(shape: Shape, a_vertex: int) -> int:
@@ -413,7 +414,7 @@ def cut_by_planes(
     from medialis.skeleton.importance._walk_kernels import Paths
 
     k, starts, named, normals = len(ends), ends[:, 0], ends, shape.normals
-    start, end, normal = (np.full((k, 3), np.nan) for _ in range(3))
+    start, end, normal = (np.full((n, 3), np.nan) for n in (k, k, 0 if following else k))
     out = Paths(np.full(k, np.inf), start, end, normal, np.zeros(k, np.int8))
     walk = run_patiently(lambda: surface_walk(shape), progress)
     components = run_patiently(lambda: shape.components, progress)
@@ -484,13 +485,14 @@ def along_curve(shape: Shape, walk: Walk) -> tuple[IntArray, Index, Walk]:
     return place, order, Walk(points, corners.ravel(), twins.ravel(), offsets, fan)
 
 
-def along_space(points: FloatArray) -> Index:
+def along_space(points: FloatArray) -> IntArray:
     """Return the places of points along a Z-curve: those of points close together are close."""
     low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
-    cell = (points - low) * (CELLS / max(float((high - low).max(initial=0.0)), 1e-300))
-    code = np.zeros(len(points), np.int64)
+    scale = CELLS / max(float((high - low).max(initial=0.0)), 1e-300)
+    code = np.zeros(len(points), np.int32)
     for axis in range(3):
-        part = np.minimum(cell[:, axis], CELLS - 1).astype(np.int64)
+        cell = (points[:, axis] - low[axis]) * scale
+        part = np.minimum(cell, CELLS - 1).astype(np.int32)
         for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
             part = (part | part << shift) & mask
         code |= part << axis
