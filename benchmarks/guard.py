@@ -220,9 +220,10 @@ def main() -> int:
     fine = True
     with package_of(commit) as package, tempfile.TemporaryDirectory() as folder:
         both = [package, ROOT / "core"]
-        kernels = "made ahead" if all(made_ahead(one) for one in both) else "compiled by numba"
-        print(f"Kernels on both sides: {kernels}.", flush=True)
-        sides = [Side(one, "" if kernels == "made ahead" else "numba") for one in both]
+        ahead = all(made_ahead(one) for one in both)
+        how = "made ahead" if ahead else "compiled by numba"
+        print(f"Kernels on both sides: {how}.", flush=True)
+        sides = [Side(one, "" if ahead else "numba") for one in both]
         try:
             for path in given.files or _written(Path(folder)):
                 fine &= compared(sides, path, given.operations, given.rounds, given.limit)

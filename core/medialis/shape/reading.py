@@ -398,7 +398,6 @@ def _made(
             measured = surface
             measured.__dict__.pop("face_vectors", None)  # as large as the shape
             measured.topology.__dict__.pop("first_equal_face", None)
-            measured.edge_table.__dict__.pop("counts", None)
     elif directions is None or not directions.any():  # programs write zeros for "none"
         lack = "has no normals" if directions is None else "has zero normals only"
         code = "normals_missing" if directions is None else "normals_zero"
