@@ -247,6 +247,21 @@ def test_a_dying_worker_is_one_failed_row(tmp_path):
 
 
 @pytest.mark.slow
+def test_a_worker_that_dies_slowly_gets_no_further_job(tmp_path):
+    """Its pipe ends before its process does: what was handed to it then failed with it (fixed)."""
+    jobs = [
+        Job(n, n, str(tmp_path), {"thickness": {}}) for n in ("a", "slow deadly", "b", "unlucky")
+    ]
+    found = {job.name: rows for job, rows in run_jobs(jobs, mortal_work, workers=1)}
+    assert {name: rows[0].status for name, rows in found.items()} == {
+        "a": DONE,
+        "slow deadly": FAILED,
+        "b": DONE,
+        "unlucky": DONE,
+    }
+
+
+@pytest.mark.slow
 @needs_dask
 def test_a_cluster_gives_bitwise_the_same(finished, shapes, tmp_path):
     from distributed import LocalCluster

@@ -41,13 +41,18 @@ SECONDS_TO_END = 5.0
 
 
 class Worker:
-    """A process with its pipe; `job` is what it works on, None when it is free."""
+    """A process with its pipe; `job` is what it works on, None when it is free.
+
+    `gone` is a process that closed its pipe: it takes no job any more, though it may still be alive
+    for the moment between that and its end.
+    """
 
     def __init__(self) -> None:
         context = get_context("spawn")  # a fork would copy threads that hold locks
         self.pipe, there = context.Pipe()
         self.process = context.Process(target=_serve, args=(there,), daemon=True)
         self.job: Any = None
+        self.gone = False
         self._ready = False
         with deaf():
             self.process.start()
@@ -83,6 +88,7 @@ class Worker:
                 "A worker process cannot begin. In a script, call batch under "
                 'if __name__ == "__main__": because each worker imports the script.'
             )
+        self.gone = True
         return True
 
     def end(self) -> None:
@@ -140,7 +146,7 @@ class Processes:
                 there, result = worker.answer()
                 if there:
                     job, worker.job = worker.job, None
-                    if not worker.process.is_alive():
+                    if worker.gone or not worker.process.is_alive():
                         self._replace(worker)
                     yield job, result
 
