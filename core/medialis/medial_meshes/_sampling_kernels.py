@@ -1,7 +1,8 @@
 """Kernels of samples: rays through triangles, samples not too near to others, points on balls.
 
 Rays tell how often a surface is wound round a place, and how thick the solid is there. Points on
-balls, cones and slabs come before those that others hide are taken away.
+balls, cones and slabs come before those that others hide are taken away. Samples of a distance at
+the corners of cells tell the surface where it changes sign.
 """
 
 from __future__ import annotations
@@ -440,3 +441,92 @@ def _on_slab(balls, face, step, begin, out):
                         a[d] + s * u[d] + t * v[d] + r * (sign * height * normal[d] - gradient[d])
                     )
                 at += 1
+
+
+class Cuts(NamedTuple):
+    """How cells and their tetrahedra are cut where a distance changes sign.
+
+    Attributes
+    ----------
+    masks : (256, 6) uint8
+        Inside corners of each tetrahedron by those of the cell, the first one highest.
+    tetrahedra : (6, 4) int64
+        Their corners in the cell.
+    counts : (16,) int64
+        Triangles of each mask.
+    corners : (16, 2, 3, 2) int64
+        Each corner of a triangle lies on an edge of the tetrahedron: from inside, to outside.
+    """
+
+    masks: NDArray[np.uint8]
+    tetrahedra: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    corners: NDArray[np.int64]
+
+
+@kernel
+def _signs(values, cell):
+    """Tell which corners of a cell are inside, one bit each; the first one is the highest."""
+    signs = 0
+    for k in range(8):
+        signs = 2 * signs + (1 if values[cell[k]] < 0.0 else 0)
+    return signs
+
+
+@kernel
+def count_masks(values, cells, cuts, out):
+    """How many tetrahedra of cells (c, 8) with corners inside and outside have each mask, (16,)."""
+    for c in range(len(cells)):
+        signs = _signs(values, cells[c])
+        if 0 < signs < 255:
+            for t in range(6):
+                out[cuts.masks[signs, t]] += 1
+
+
+@kernel
+def cut_cells(values, cells, cuts, starts, out_across, out_keys):
+    """Fill in the triangles, out_keys (f, 3), by mask from starts (16, 2) on; these are moved.
+
+    A vertex has the key of its inside corner and the way to the outside one; that corner stands at
+    the key in out_across, which is -1 elsewhere. Returns how many vertices there are.
+    """
+    ways, count = len(out_across) // len(values), 0
+    for c in range(len(cells)):
+        cell = cells[c]
+        signs = _signs(values, cell)
+        if signs == 0 or signs == 255:
+            continue
+        for t in range(6):
+            mask = cuts.masks[signs, t]
+            for triangle in range(cuts.counts[mask]):
+                row = starts[mask, triangle]
+                starts[mask, triangle] += 1
+                for k in range(3):
+                    i = cuts.tetrahedra[t, cuts.corners[mask, triangle, k, 0]]
+                    o = cuts.tetrahedra[t, cuts.corners[mask, triangle, k, 1]]
+                    key = ways * cell[i] + o - i + ways // 2
+                    out_keys[row, k] = key
+                    if out_across[key] < 0:
+                        count += 1
+                    out_across[key] = cell[o]
+    return count
+
+
+@kernel
+def number_keys(keys, table, out_first, out_number):
+    """Give equal keys (q,) a number, by where each comes first; return how many differ.
+
+    `out_first` are where they do. `table` is -1 and a power of two long, more than differ.
+    """
+    last, count = np.uint64(len(table) - 1), 0
+    for i in range(len(keys)):
+        mixed = np.uint64(keys[i] >> 3) * np.uint64(0x9E3779B97F4A7C15)
+        slot = ((mixed >> np.uint64(29)) + np.uint64(keys[i] & 7)) & last
+        while table[slot] >= 0 and keys[out_first[table[slot]]] != keys[i]:
+            slot = (slot + np.uint64(1)) & last
+        if table[slot] < 0:
+            table[slot] = count
+            out_first[count] = i
+            count += 1
+        out_number[i] = table[slot]
+    return count

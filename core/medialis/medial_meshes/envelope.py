@@ -17,6 +17,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from medialis.base.arrays import Index
 from medialis.base.errors import InvalidShapeError
@@ -170,9 +171,9 @@ def _tetrahedra() -> Index:
     return np.array(rows)
 
 
-def _cuts() -> list[list[tuple[tuple[int, int], ...]]]:
-    """Triangles for each mask of inside corners: each corner of one lies on an edge (in, out)."""
-    cuts: list[list[tuple[tuple[int, int], ...]]] = []
+def _cuts() -> tuple[Index, Index]:
+    """Count triangles for each mask of inside corners; each corner lies on an edge (in, out)."""
+    counts, cuts = np.zeros(16, np.int64), np.zeros((16, 2, 3, 2), np.int64)
     place = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
     for mask in range(16):
         inside = [i for i in range(4) if mask >> i & 1]
@@ -183,8 +184,10 @@ def _cuts() -> list[list[tuple[tuple[int, int], ...]]]:
         else:
             edges = tuple((i, k) for i in inside for k in outside)
             found = [edges] if len(edges) == 3 else []
-        cuts.append([_outward(triangle, inside, outside, place) for triangle in found])
-    return cuts
+        counts[mask] = len(found)
+        for k, triangle in enumerate(found):
+            cuts[mask, k] = _outward(triangle, inside, outside, place)
+    return counts, cuts
 
 
 def _outward(
@@ -198,8 +201,9 @@ def _outward(
 
 TETRAHEDRA, CUTS = _tetrahedra(), _cuts()
 
-MASKS = (np.arange(256)[:, None] >> 7 - TETRAHEDRA.reshape(1, -1) & 1).reshape(256, -1, 4)
-MASKS = (MASKS @ [1, 2, 4, 8]).astype(np.uint8)
+MASKS: NDArray[np.uint8] = (
+    (np.arange(256)[:, None, None] >> 7 - TETRAHEDRA & 1) @ [1, 2, 4, 8]
+).astype(np.uint8)
 """Masks (256, 6) of the tetrahedra of a cell, by the signs of its corners, first one highest."""
 
 WAYS = 15
@@ -268,83 +272,82 @@ def envelope_surface(
     low = (mesh.centers - mesh.radii[:, None]).min(axis=0)
     high = (mesh.centers + mesh.radii[:, None]).max(axis=0)
     diagonal = float(np.linalg.norm(high - low))
-    cell, finest = _cells(envelope, low, high, options.cell * diagonal)
+    cell, finest, crossed = _cells(envelope, low, high, options.cell * diagonal)
     if cell > options.cell * diagonal:
         text = (
             f"Cells of {options.cell:g} diagonals would be more than {MOST_CELLS:,}: they are "
             f"{cell / diagonal:.2g} diagonals wide instead."
         )
         progress.note(text, "cell_enlarged", wanted=options.cell, cell=cell / diagonal)
-    best: Surface | None = None
-    for k, found in enumerate(_variants(envelope, low, high, cell, finest)):
+    parts, handles = mesh.betti[0] + mesh.betti[2], mesh.betti[1]
+    best, off = None, math.inf
+    for k, found in enumerate(_variants(envelope, low, high, cell, finest, crossed)):
         progress.update(k / VARIANTS)
-        if best is None or _off(found, mesh) < _off(best, mesh):
-            best = found
-        if _off(best, mesh) == 0:
-            return best
+        if found.least_off(parts, handles) < off and found.off(parts, handles) < off:
+            best, off = found, found.off(parts, handles)
+        if off == 0:
+            break
     assert best is not None
-    progress.warn(
-        f"The envelope has {best.part_count} pieces and {_handles(best)} handles, the medial mesh "
-        f"{mesh.betti[0] + mesh.betti[2]} and {mesh.betti[1]}: balls that no edge joins touch.",
-        "envelope_topology",
-        pieces=best.part_count,
-        handles=_handles(best),
-    )
-    return best
+    if off:
+        progress.warn(
+            f"The envelope has {best.parts} pieces and {best.handles} handles, the medial mesh "
+            f"{parts} and {handles}: balls that no edge joins touch.",
+            "envelope_topology",
+            pieces=best.parts,
+            handles=best.handles,
+        )
+    return best.surface
 
 
 def _variants(
-    envelope: Envelope, low: FloatArray, high: FloatArray, cell: float, finest: float
-) -> Iterator[Surface]:
+    envelope: Envelope,
+    low: FloatArray,
+    high: FloatArray,
+    cell: float,
+    finest: float,
+    crossed: Index,
+) -> Iterator[_Cut]:
     """Yield the surface of an envelope, then with its threads thickened, then moved out and in.
 
     Then the same with cells of half the width, unless that is less than `finest`.
     """
     box = low, high
 
-    def thickened(width: float) -> Surface:
+    def thickened(width: float) -> _Cut:
         balls = envelope.balls.copy()
         balls[:, 3] = np.maximum(balls[:, 3], THREAD * width)
-        return _Field.of(Envelope(balls, envelope.rows), *box, width).surface(0.0)
+        return _Field.of(Envelope(balls, envelope.rows), *box, width).cut(0.0)
 
-    yield _Field.of(envelope, *box, cell).surface(0.0)
+    yield _Field.within(envelope, *_grid_of(*box, cell), crossed).cut(0.0)
     yield thickened(cell)
     yield from _Field.of(envelope, *box, cell, max(MOVED)).moved(MOVED, cell)
     if (width := 0.5 * cell) >= finest:
         field = _Field.of(envelope, *box, width, max(FAR))
-        yield field.surface(0.0)
+        yield field.cut(0.0)
         yield thickened(width)
         yield from field.moved(MOVED + FAR, width)
     yield from _Field.of(envelope, *box, cell, max(FAR)).moved(FAR, cell)
 
 
-def _handles(surface: Surface) -> int:
-    """Count the handles of a closed surface, over all its pieces: every edge has two faces."""
-    euler = surface.point_count - surface.face_count // 2
-    return surface.part_count - euler // 2
-
-
-def _off(surface: Surface, mesh: MedialMesh) -> int:
-    """How far the topology of a surface is from that of the mesh."""
-    parts, loops, hollows = mesh.betti
-    return abs(surface.part_count - parts - hollows) + abs(_handles(surface) - loops)
-
-
 def _cells(
     envelope: Envelope, low: FloatArray, high: FloatArray, wanted: float
-) -> tuple[float, float]:
-    """Return the width of cells, the wanted one if there are not too many, and the least width.
+) -> tuple[float, float, Index]:
+    """Return the width of cells, the least there may be, and those that the surface goes through.
 
-    Those that the surface goes through are counted, wider at first: halved, they are four times as
-    many.
+    The width is the wanted one if there are not too many. They are counted, wider at first: halved,
+    they are four times as many.
     """
     cell = max(wanted, COARSEST * float(np.linalg.norm(high - low)))
     while True:
-        found = len(_crossed(envelope, *_grid_of(low, high, cell)))
-        finest = cell * math.sqrt(found / MOST_CELLS)
+        found = _crossed(envelope, *_grid_of(low, high, cell))
+        finest = cell * math.sqrt(len(found) / MOST_CELLS)
         if cell <= wanted or finest >= 0.5 * cell:
-            return max(wanted, finest), finest
+            break
         cell = max(wanted, 0.5 * cell)
+    width = max(wanted, finest)
+    if width != cell:
+        found = _crossed(envelope, *_grid_of(low, high, width))
+    return width, finest, found
 
 
 def _grid_of(low: FloatArray, high: FloatArray, cell: float) -> tuple[FloatArray, float, Index]:
@@ -375,26 +378,110 @@ class _Field:
         cls, envelope: Envelope, low: FloatArray, high: FloatArray, cell: float, moved: float = 0.0
     ) -> _Field:
         """Measure the distances where the envelope, moved by so many cells, may cross cells."""
-        origin, _, count = _grid_of(low, high, cell)
+        grid = _grid_of(low, high, cell)
+        return cls.within(envelope, *grid, _crossed(envelope, *grid, moved))
+
+    @classmethod
+    def within(
+        cls, envelope: Envelope, origin: FloatArray, cell: float, count: Index, cells: Index
+    ) -> _Field:
+        """Measure the distances at the corners of some cells (c, 3) of a grid."""
         sizes = -(-count // BLOCK) * BLOCK + 1
-        cells = _crossed(envelope, origin, cell, count, moved)
-        keys = (cells[:, None] + CUBE) @ np.array([sizes[1] * sizes[2], sizes[2], 1])
-        unique, where = np.unique(keys, return_inverse=True)
-        x, rest = np.divmod(unique, sizes[1] * sizes[2])
-        y, z = np.divmod(rest, sizes[2])
+        steps = np.array([sizes[1] * sizes[2], sizes[2], 1])
+        unique, where = _numbered(((cells @ steps)[:, None] + CUBE @ steps).ravel())
+        x, rest = np.divmod(unique, steps[0])
+        y, z = np.divmod(rest, steps[1])
         grid = origin + cell * np.stack([x, y, z], axis=1)
         return cls(grid, envelope.distances(grid)[0], where.reshape(-1, 8))
 
-    def surface(self, level: float) -> Surface:
+    def cut(self, level: float) -> _Cut:
         """March through the cells that this distance to the envelope crosses.
 
         It is that of the envelope whose radii are all larger by so much.
         """
-        return Surface.of_checked(*_marched(self.grid, self.values - level, self.cells))
+        return _Cut.of(self.grid, self.values - level, self.cells)
 
-    def moved(self, moves: tuple[float, ...], cell: float) -> Iterator[Surface]:
+    def moved(self, moves: tuple[float, ...], cell: float) -> Iterator[_Cut]:
         """Yield surfaces that are moved by cells of this width."""
-        return (self.surface(move * cell) for move in moves)
+        return (self.cut(move * cell) for move in moves)
+
+
+@dataclass(frozen=True, eq=False)
+class _Cut:
+    """The surface where values at the corners of cells change sign: it is made when it is wanted.
+
+    A vertex is named by its inside corner and the way to the outside one, of which there are
+    `WAYS`: a table of all corners numbers them in order, without sorting.
+
+    Attributes
+    ----------
+    grid, values : (g, 3), (g,) float64
+    across : (WAYS * g,) int32
+        The outside corner of each vertex, -1 where there is none.
+    keys : (m, 3) int32
+        The vertices of triangles, by their names.
+    count : int
+        How many vertices there are.
+    """
+
+    grid: FloatArray
+    values: FloatArray
+    across: IntArray
+    keys: IntArray
+    count: int
+
+    @classmethod
+    def of(cls, grid: FloatArray, values: FloatArray, cells: Index) -> _Cut:
+        """Go through the cells (c, 8)."""
+        from medialis.medial_meshes._sampling_kernels import Cuts, count_masks, cut_cells
+
+        cuts, found = Cuts(MASKS, TETRAHEDRA, *CUTS), np.zeros(len(CUTS[0]), np.int64)
+        count_masks(values, cells, cuts, found)
+        counts = found[:, None] * (np.arange(2) < cuts.counts[:, None])
+        starts = (np.cumsum(counts) - counts.ravel()).reshape(counts.shape)
+        across = np.full(WAYS * len(values), -1, np.int32)
+        keys = np.empty((counts.sum(), 3), np.int32)
+        return cls(grid, values, across, keys, cut_cells(values, cells, cuts, starts, across, keys))
+
+    def least_off(self, parts: int, handles: int) -> int:
+        """How far the topology is from that of so many parts and handles, at least."""
+        return abs((self.count - len(self.keys) // 2) // 2 - (parts - handles))
+
+    def off(self, parts: int, handles: int) -> int:
+        """How far it is."""
+        return abs(self.parts - parts) + abs(self.handles - handles)
+
+    @property
+    def handles(self) -> int:
+        """Handles, over all pieces: every edge has two faces."""
+        return self.parts - (self.count - len(self.keys) // 2) // 2
+
+    @cached_property
+    def parts(self) -> int:
+        """Pieces of the surface."""
+        from medialis.shape._kernels import label_components
+
+        label = np.empty(self.count, np.int32)
+        label_components(self._faces, np.arange(self.count, dtype=np.int32), label)
+        return int(label.max(initial=-1)) + 1
+
+    @cached_property
+    def _vertices(self) -> Index:
+        return np.flatnonzero(self.across >= 0)
+
+    @cached_property
+    def _faces(self) -> IntArray:
+        number = np.empty(len(self.across), np.int32)
+        number[self._vertices] = np.arange(self.count)
+        return number[self.keys]
+
+    @property
+    def surface(self) -> Surface:
+        """The surface."""
+        a, b = self._vertices // WAYS, self.across[self._vertices]
+        share = self.values[a] / (self.values[a] - self.values[b])
+        points = self.grid[a] + share[:, None] * (self.grid[b] - self.grid[a])
+        return Surface.of_checked(points, self._faces)
 
 
 def _crossed(
@@ -420,33 +507,14 @@ def _crossed(
         width //= 2
 
 
-def _marched(grid: FloatArray, values: FloatArray, cells: Index) -> tuple[FloatArray, IntArray]:
-    """Return the vertices and triangles where the values change sign in cells (c, 8).
+def _numbered(keys: Index) -> tuple[Index, Index]:
+    """Return what `np.unique` does with its inverse, sorting only keys that differ."""
+    from medialis.medial_meshes._sampling_kernels import number_keys
 
-    A vertex is named by its inside corner and the way to the outside one, of which there are
-    `WAYS`: a table of all corners numbers them in order, without sorting.
-    """
-    signs = np.packbits((values < 0)[cells], axis=1)[:, 0]
-    crossed = np.flatnonzero((signs != 0) & (signs != 255))
-    corners, masks = cells[crossed].ravel(), MASKS[signs[crossed]].ravel()
-    order = np.argsort(masks, kind="stable")
-    starts = np.searchsorted(masks[order], np.arange(len(CUTS) + 1))
-    parts = [np.zeros((0, 3, 2), np.int64)]
-    for case, triangles in enumerate(CUTS):
-        cell, tetrahedron = np.divmod(order[starts[case] : starts[case + 1]], len(TETRAHEDRA))
-        own = 8 * cell[:, None] + TETRAHEDRA[tetrahedron]
-        parts += [own.take(triangle, axis=1) for triangle in triangles]
-    i, k = np.concatenate(parts).reshape(-1, 2).T
-    inside, outside = corners[i], corners[k]
-    keys = WAYS * inside + k - i + WAYS // 2
-    used = np.zeros(WAYS * len(values), bool)
-    used[keys] = True
-    vertices = np.flatnonzero(used)
-    number = np.empty(len(used), np.int32)
-    number[vertices] = np.arange(len(vertices))
-    faces = number[keys]
-    a, b = vertices // WAYS, np.empty(len(vertices), np.int64)
-    b[faces] = outside
-    share = values[a] / (values[a] - values[b])
-    points = grid[a] + share[:, None] * (grid[b] - grid[a])
-    return points, faces.reshape(-1, 3)
+    first, number = np.empty(len(keys), np.int64), np.empty(len(keys), np.int64)
+    table = np.full(1 << len(keys).bit_length(), -1, np.int32)
+    unique = keys[first[: number_keys(keys, table, first, number)]]
+    order = np.argsort(unique)
+    place = np.empty(len(order), np.int64)
+    place[order] = np.arange(len(order))
+    return unique[order], place[number]
