@@ -45,12 +45,13 @@ def test_rays_hit_what_all_triangles_tell():
     shape = forms.torus_mesh(around=20, across=10)
     tree = NearestTree.of_triangles(shape.points, shape.faces)
     corners, rng = shape.points[shape.faces], np.random.default_rng(0)
-    stack = np.empty(200, np.int64)
+    room = np.empty(200, np.int64), np.empty(8)
     for _ in range(40):
         place = shape.points[rng.integers(shape.point_count)] + 0.05 * rng.normal(size=3)
         way = rng.normal(size=3)
         way /= np.linalg.norm(way)
-        given = place - tree.tree.center, way, tree.tree, tree.items.corners, stack, 1e-9
+        start, longer = place - tree.tree.center, np.append(way, np.zeros(3))
+        given = start, longer, tree.tree, tree.items.corners, *room, 1e-9
         true = all_hits(place, way, corners)
         assert first_hit(*given, np.inf) == pytest.approx(true, rel=1e-9)
         assert first_hit(*given, 0.999 * true) == np.inf  # nothing is so near

@@ -14,19 +14,24 @@ LEAST = 1e-9
 
 
 @kernel
-def _enters(bound, j, place, way, reach):
-    """Whether a ray meets the box of child j before so far."""
-    first, last = 0.0, reach
-    for k in range(3):
-        low, high = bound[k, j] - place[k], bound[3 + k, j] - place[k]
-        if way[k] == 0.0:
-            if low > 0.0 or high < 0.0:
-                return False
-            continue
-        near, far = low / way[k], high / way[k]
-        first, last = max(first, min(near, far)), min(last, max(near, far))
-    # Boxes are of single precision.
-    return first <= last + 1e-6 * (abs(first) + abs(last))
+def _entries(bound, place, way, reach, out):
+    """How far along a ray it enters the boxes of eight children, inf where not before so far."""
+    x, y, z = place[0], place[1], place[2]
+    u, v, w = way[3], way[4], way[5]
+    for j in range(FAN):
+        ax, bx = (bound[0, j] - x) * u, (bound[3, j] - x) * u
+        ay, by = (bound[1, j] - y) * v, (bound[4, j] - y) * v
+        az, bz = (bound[2, j] - z) * w, (bound[5, j] - z) * w
+        # Conditional expressions, not max(): max() treats NaN apart and is not vectorised.
+        first, last = ax if ax < bx else bx, bx if ax < bx else ax
+        low, high = ay if ay < by else by, by if ay < by else ay
+        first, last = first if first > low else low, last if last < high else high
+        low, high = az if az < bz else bz, bz if az < bz else az
+        first, last = first if first > low else low, last if last < high else high
+        first, last = first if first > 0.0 else 0.0, last if last < reach else reach
+        # Boxes are of single precision.
+        meets = (first <= last + 1e-6 * (first + abs(last))) & (bound[0, j] < math.inf)
+        out[j] = first if meets else math.inf
 
 
 @kernel
@@ -61,20 +66,24 @@ def _hit(place, way, corner, least):
 
 
 @kernel
-def first_hit(place, way, tree, corners, stack, least, reach):
+def first_hit(place, way, tree, corners, stack, box, least, reach):
     """Length of a ray up to the first triangle that it hits; inf for none nearer than `reach`.
 
-    `place` is relative to the center of the tree, whose boxes hold whole triangles.
+    `place` is relative to the center of the tree, whose boxes hold whole triangles. Behind the
+    `way` is room for one over each of its parts.
     """
     bounds, child, depth, n = tree.bounds, tree.child, tree.depth, len(corners)
+    for k in range(3):
+        way[3 + k] = 1.0 / way[k] if way[k] != 0.0 else 1e300
     best, top = reach, 1
     stack[0] = 0
     while top > 0:
         top -= 1
         node = stack[top]
         base = child[node]
+        _entries(bounds[node], place, way, best, box)
         for j in range(FAN):
-            if bounds[node, 0, j] == np.inf or not _enters(bounds[node], j, place, way, best):
+            if box[j] == math.inf:
                 continue
             if base >= 0:
                 stack[top] = base + j
@@ -96,11 +105,13 @@ def measure_sections(begin, end, faces, tree, corners, wide, least, out_sections
     angles to it; inf where one of them is longer than it matters, which for the line across is
     `wide` times the thickness. Rays begin `least` above what they start from.
     """
-    stack = np.empty(8 * 12 + 8, np.int64)
-    way, middle = np.empty(3), np.empty(3)
+    stack, box = np.empty(8 * 12 + 8, np.int64), np.empty(FAN)
+    way, middle = np.empty(6), np.empty(3)
     for i in range(begin, end):
         place, normal = faces[i, :3], faces[i, 3:6]
-        thick = first_hit(place, normal, tree, corners, stack, least, faces[i, 15])
+        for k in range(3):
+            way[k] = normal[k]
+        thick = first_hit(place, way, tree, corners, stack, box, least, faces[i, 15])
         out_sections[i, 0], out_sections[i, 1] = thick, math.inf
         if thick == math.inf:
             continue
@@ -112,10 +123,10 @@ def measure_sections(begin, end, faces, tree, corners, wide, least, out_sections
             for k in range(3):
                 a, b = (k + 1) % 3, (k + 2) % 3
                 way[k] = along[k] if turn % 2 else normal[a] * along[b] - normal[b] * along[a]
-            across = first_hit(middle, way, tree, corners, stack, least, width)
+            across = first_hit(middle, way, tree, corners, stack, box, least, width)
             if across < width:
                 for k in range(3):
                     way[k] = -way[k]
-                across += first_hit(middle, way, tree, corners, stack, least, width - across)
+                across += first_hit(middle, way, tree, corners, stack, box, least, width - across)
                 if across < width:
                     width = out_sections[i, 1] = across

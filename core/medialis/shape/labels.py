@@ -252,6 +252,8 @@ def spread_labels(points: FloatArray, graph: Ragged, labels: IntArray) -> IntArr
     (n,) int32
         -1 where no labelled point can be reached.
     """
+    if (labels >= 0).all():
+        return labels.astype(np.int32)
     seed = nearest_seeds(points, graph, labels >= 0)[0]
     seed[labels >= 0] = np.flatnonzero(labels >= 0)  # in one place with another one, perhaps
     return np.where(seed < 0, -1, labels[seed]).astype(np.int32)
@@ -405,6 +407,8 @@ def without_islands(
     heaviest = np.zeros(int(labels.max()) + 1)
     np.maximum.at(heaviest, of_piece, total)
     island = known & (total < ISLAND * heaviest[of_piece])[piece]
+    if not island.any():
+        return labels
     sample = np.repeat(np.arange(len(labels)), graph.lengths)
     usable = known[sample] & known[graph.indices]
     ends = np.cumsum(np.bincount(sample[usable] + 1, minlength=len(labels) + 1))

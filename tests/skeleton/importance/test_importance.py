@@ -14,7 +14,6 @@ from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.skeleton.importance._strip_kernels import (
     PLACES,
-    lay_apexes,
     make_room,
     straighten,
     walk_beside,
@@ -336,11 +335,10 @@ def test_walks_beside_a_trail_need_little_shortening():
     shape = tall_ring()
     walk = surface_walk(shape)
     points, corners, _, offsets, fan = walk
-    apexes = np.empty((len(corners), 2))
-    lay_apexes(0, len(corners), walk, apexes)
     pairs = np.random.default_rng(0).integers(shape.point_count, size=(300, 2)).astype(np.int32)
     normals = cut_by_planes(shape, pairs, 20, Progress()).normal
-    room, strip, trail = make_room(apexes), np.empty(4096, np.int64), np.empty((PLACES, 7))
+    room, trail = make_room(shape.face_count), np.empty((PLACES, 7))
+    strip = np.empty(4096, np.int64)
     close, walked, beside = [], [], []
     for (start, end), normal in zip(pairs, normals, strict=True):
         count = record_cut(walk, start, end, normal, room.strips[0])

@@ -105,8 +105,6 @@ class Search(NamedTuple):
         Through both ends, each of which has two directions.
     following : bool
         Whether pairs follow those of their range that are near.
-    apexes : (3m, 2) float64
-        See `lay_apexes`.
     """
 
     normals: NDArray[np.float64]
@@ -116,7 +114,6 @@ class Search(NamedTuple):
     longest: NDArray[np.float64]
     planes: int
     following: bool
-    apexes: NDArray[np.float64]
 
 
 class _Pair(NamedTuple):
@@ -465,9 +462,9 @@ def _nearest_known(pair, ends, known, count):
 @kernel
 def trace_geodesics(begin, stop, rows, walk, search, out):
     """Shortest straightest geodesics of the pairs rows[begin..stop]."""
-    normals, components, ends, limits, longest, planes, following, apexes = search
+    normals, components, ends, limits, longest, planes, following = search
     points, frame, tangents, normal = walk.points, np.empty((2, 3)), np.empty((2, 3)), np.empty(3)
-    room = make_room(apexes)
+    room = make_room(len(walk.corners) // 3)
     directions = _Directions(
         np.empty(2 * planes), np.empty(2 * planes, np.int64), np.empty(SLOPES, np.int64)
     )

@@ -30,6 +30,7 @@ from medialis.base.jit import kernel
 from medialis.skeleton.importance._walk_kernels import (
     dot,
     on_plane,
+    sure,
     trim,
     way_out,
     way_towards,
@@ -71,21 +72,20 @@ class Room(NamedTuple):
     ends : (s, 2) int64
         Vertex at the left and at the right end of each half-edge of the strip.
     flat : (s, 4) float64
-        Place in the plane of both these ends: x, y, x, y.
+        Place in the plane of both these ends: x, x, y, y.
     side : (s,) int64
         Which of them the half-edge before does not have: 0 left, 1 right.
     bends : (2, s) int64
         At which half-edge the path bends and at which end: 0 left, 1 right.
     tips, at : (2, 2) float64 and (2,) int64
-        Of the left and the right side of the funnel: from its apex, and at which half-edge first.
+        Of the left and the right side of the funnel: from its apex, and at which half-edge first;
+        the left one is turned round, so that both see the same side as the inside.
     turned : (w,) int64
         Half-edges round a vertex.
     near : (3, 3) float64
         Points next to the start and to the end of the path, and the place of its end in the plane.
     last : (2,) int64
         How many half-edges it crosses, and how often it bends.
-    apexes : (3m, 2) float64
-        See `lay_apexes`.
     """
 
     strips: NDArray[np.int64]
@@ -98,57 +98,42 @@ class Room(NamedTuple):
     turned: NDArray[np.int64]
     near: NDArray[np.float64]
     last: NDArray[np.int64]
-    apexes: NDArray[np.float64]
 
 
 @kernel
-def make_room(apexes):
-    size = min(len(apexes) // 3 + 1, LONGEST_STRIP)
+def make_room(faces):
+    size = min(faces + 1, LONGEST_STRIP)
     strips, bends = np.empty((2, size), np.int64), np.empty((2, size), np.int64)
     ends, side = np.empty((size, 2), np.int64), np.zeros(size, np.int64)
     turned, last = np.empty(WIDEST, np.int64), np.zeros(2, np.int64)
     flat, tips, near = np.empty((size, 4)), np.empty((2, 2)), np.empty((3, 3))
     at = np.empty(2, np.int64)
-    return Room(strips, ends, flat, side, bends, tips, at, turned, near, last, apexes)
+    return Room(strips, ends, flat, side, bends, tips, at, turned, near, last)
+
+
+@kernel
+def _products(points, v, a, b):
+    """Scalar products of the vectors from v to a and to b: the first one's, both's, the other's."""
+    aa = ab = bb = 0.0
+    for i in range(3):
+        u, w = points[a, i] - points[v, i], points[b, i] - points[v, i]
+        aa += u * u
+        ab += u * w
+        bb += w * w
+    return aa, ab, bb
 
 
 @kernel
 def _first_portal(points, a, b, start, ends, flat):
     """Lay the half-edge a-b, seen from the start, into the plane: a on the axis, b left of it."""
-    aa = ab = bb = 0.0
-    for i in range(3):
-        u, w = points[a, i] - points[start, i], points[b, i] - points[start, i]
-        aa += u * u
-        ab += u * w
-        bb += w * w
+    aa, ab, bb = _products(points, start, a, b)
     size = math.sqrt(aa)
     ends[0, 0], ends[0, 1] = b, a
-    flat[0, 2], flat[0, 3] = size, 0.0
+    flat[0, 1], flat[0, 3] = size, 0.0
     if size > 0.0:
-        flat[0, 0], flat[0, 1] = ab / size, math.sqrt(max(aa * bb - ab * ab, 0.0)) / size
+        flat[0, 0], flat[0, 2] = ab / size, math.sqrt(max(aa * bb - ab * ab, 0.0)) / size
     else:
-        flat[0, 0], flat[0, 1] = 0.0, math.sqrt(bb)
-
-
-@kernel
-def lay_apexes(begin, end, walk, out_apexes):
-    """Measure where the third corner of a face lies from each of its half-edges.
-
-    How far along that, as a share, and how far to its left, in its lengths (3m, 2).
-    """
-    points, corners = walk.points, walk.corners
-    for h in range(begin, end):
-        a, b, c = corners[h], corners[next_side(h)], corners[previous_side(h)]
-        ee = ww = along = 0.0
-        for i in range(3):
-            e, w = points[b, i] - points[a, i], points[c, i] - points[a, i]
-            ee += e * e
-            ww += w * w
-            along += e * w
-        out_apexes[h, 0], out_apexes[h, 1] = along, 0.0
-        if ee > 0.0:
-            out_apexes[h, 0] = along / ee
-            out_apexes[h, 1] = math.sqrt(max(ww * ee - along * along, 0.0)) / ee
+        flat[0, 0], flat[0, 2] = 0.0, math.sqrt(bb)
 
 
 @kernel
@@ -159,27 +144,36 @@ def _unfold(walk, strip, first, count, start, room):
     is as good as chance.
     """
     points, corners, twins, _, _ = walk
-    ends, flat, side, apexes = room.ends, room.flat, room.side, room.apexes
+    ends, flat, side = room.ends, room.flat, room.side
     if first == 0:
         h = strip[0]
         _first_portal(points, corners[h], corners[next_side(h)], start, ends, flat)
-        first = 1
+    before = sure(max(first - 1, 0))
     x = y = 0.0
-    for k in range(first - 1, count):
-        t = twins[strip[k]]
-        along, high, agrees = apexes[t, 0], apexes[t, 1], corners[t] == ends[k, 0]
+    for k in range(count - before):
+        k += before
+        t = sure(twins[sure(strip[k])])
+        after = sure(next_side(t))
+        a, b, c = sure(corners[t]), sure(corners[after]), sure(corners[sure(previous_side(t))])
+        # Where the third corner of a face lies from its side: how far along that, as a share, and
+        # how far to its left, in its lengths.
+        square, along, far = _products(points, a, b, c)
+        high, agrees = 0.0, a == ends[k, 0]
+        if square > 0.0:
+            high = math.sqrt(max(far * square - along * along, 0.0)) / square
+            along /= square
         if not agrees:  # neighbours that agree run along their edge in opposite directions
             along = 1.0 - along
-        fx, fy = flat[k, 2] - flat[k, 0], flat[k, 3] - flat[k, 1]
-        x, y = flat[k, 0] + along * fx - high * fy, flat[k, 1] + along * fy + high * fx
+        fx, fy = flat[k, 1] - flat[k, 0], flat[k, 3] - flat[k, 2]
+        x, y = flat[k, 0] + along * fx - high * fy, flat[k, 2] + along * fy + high * fx
         if k + 1 == count:
             break
-        new = 1 if (strip[k + 1] == next_side(t)) != agrees else 0
+        new = 1 if (strip[k + 1] == after) != agrees else 0
         old = 1 - new
         side[k + 1] = new
-        flat[k + 1, 2 * new], flat[k + 1, 2 * new + 1] = x, y
-        flat[k + 1, 2 * old], flat[k + 1, 2 * old + 1] = flat[k, 2 * old], flat[k, 2 * old + 1]
-        ends[k + 1, new], ends[k + 1, old] = corners[previous_side(t)], ends[k, old]
+        flat[k + 1, new], flat[k + 1, new + 2] = x, y
+        flat[k + 1, old], flat[k + 1, old + 2] = flat[k, old], flat[k, old + 2]
+        ends[k + 1, new], ends[k + 1, old] = c, ends[k, old]
     return x, y
 
 
@@ -195,32 +189,32 @@ def _funnel(count, room, x, y):
     number, length, px, py, k = 0, 0.0, 0.0, 0.0, 0
     at[0] = at[1] = 0
     while True:
-        for new in range(2):
-            tips[new, 0], tips[new, 1] = flat[k, 2 * new] - px, flat[k, 2 * new + 1] - py
+        k = sure(k)
+        tips[0, 0], tips[0, 1] = px - flat[k, 0], py - flat[k, 2]
+        tips[1, 0], tips[1, 1] = flat[k, 1] - px, flat[k, 3] - py
         bend = -1
-        for i in range(k + 1, count):
-            new = side[i]
-            ux, uy = flat[i, 2 * new] - px, flat[i, 2 * new + 1] - py
-            out = 2.0 * new - 1.0
-            inside = out * (tips[new, 0] * uy - tips[new, 1] * ux)
-            across = out * (tips[1 - new, 0] * uy - tips[1 - new, 1] * ux)
-            if (inside >= 0.0) & (across > 0.0):
-                bend = 1 - new
-                break
-            tips[new, 0] = ux if inside >= 0.0 else tips[new, 0]
-            tips[new, 1] = uy if inside >= 0.0 else tips[new, 1]
-            at[new] = i if inside >= 0.0 else at[new]
+        for i in range(count - k - 1):
+            i += k + 1
+            new = side[i] & 1
+            ux, uy = flat[i, new] - px, flat[i, new + 2] - py
+            if tips[new, 0] * uy - tips[new, 1] * ux >= 0.0:
+                if tips[1 - new, 0] * uy - tips[1 - new, 1] * ux < 0.0:
+                    bend = 1 - new
+                    break
+                out = 2.0 * new - 1.0
+                tips[new, 0], tips[new, 1] = out * ux, out * uy
+                at[new] = i
         if bend < 0:
             ux, uy = x - px, y - py
             if tips[1, 0] * uy - tips[1, 1] * ux < 0.0:
                 bend = 1
-            elif tips[0, 0] * uy - tips[0, 1] * ux > 0.0:
+            elif tips[0, 0] * uy - tips[0, 1] * ux < 0.0:
                 bend = 0
             else:
                 return length + math.sqrt(ux * ux + uy * uy), number
         length += math.sqrt(tips[bend, 0] ** 2 + tips[bend, 1] ** 2)
-        k = at[bend]
-        px, py = flat[k, 2 * bend], flat[k, 2 * bend + 1]
+        k = sure(at[bend])
+        px, py = flat[k, bend], flat[k, bend + 2]
         bends[0, number], bends[1, number] = k, bend
         number += 1
         other = k
@@ -257,12 +251,7 @@ def _other_side(walk, v, h, last, re, im, re_end, im_end, out):
         a, b = corners[t], corners[previous_side(t)]
         if a == v:
             a = corners[next_side(t)]
-        uu = ww = along = 0.0
-        for i in range(3):
-            u, w = points[a, i] - points[v, i], points[b, i] - points[v, i]
-            uu += u * u
-            ww += w * w
-            along += u * w
+        uu, along, ww = _products(points, v, a, b)
         across = math.sqrt(max(uu * ww - along * along, 0.0))
         re, im = re * along - im * across, re * across + im * along
         if im < 0.0 or (im == 0.0 and re < 0.0):
@@ -305,11 +294,11 @@ def _reroute(walk, start, end, strip, count, room, x, y, bends, out):
     old_x = old_y = 0.0
     for i in range(bends):
         bend, side = room.bends[0, i], room.bends[1, i]
-        v, vx, vy = ends[bend, side], flat[bend, 2 * side], flat[bend, 2 * side + 1]
+        v, vx, vy = ends[bend, side], flat[bend, side], flat[bend, side + 2]
         next_x, next_y = x, y
         if i + 1 < bends:
-            at, column = room.bends[0, i + 1], 2 * room.bends[1, i + 1]
-            next_x, next_y = flat[at, column], flat[at, column + 1]
+            at, column = room.bends[0, i + 1], room.bends[1, i + 1]
+            next_x, next_y = flat[at, column], flat[at, column + 2]
         begin = stop = bend
         while begin > 0 and ends[begin - 1, side] == v:
             begin -= 1
@@ -320,10 +309,10 @@ def _reroute(walk, start, end, strip, count, room, x, y, bends, out):
             continue
         in_x = in_y = 0.0
         if begin > 0:
-            in_x, in_y = flat[begin - 1, 2 * side], flat[begin - 1, 2 * side + 1]
+            in_x, in_y = flat[begin - 1, side], flat[begin - 1, side + 2]
         out_x, out_y = x, y
         if stop + 1 < count:
-            out_x, out_y = flat[stop + 1, 2 * side], flat[stop + 1, 2 * side + 1]
+            out_x, out_y = flat[stop + 1, side], flat[stop + 1, side + 2]
         re, im = _rotation(vx, vy, before_x, before_y, in_x, in_y, side)
         re_end, im_end = _rotation(vx, vy, out_x, out_y, next_x, next_y, side)
         last = walk.twins[strip[stop]] // 3
@@ -353,8 +342,8 @@ def _reroute(walk, start, end, strip, count, room, x, y, bends, out):
 def _place_on(points, room, k, x, y, ux, uy, out):
     """Where the line through (x, y) in direction u crosses half-edge k of a strip."""
     ends, flat = room.ends, room.flat
-    right_x, right_y = flat[k, 2] - x, flat[k, 3] - y
-    along = ux * (flat[k, 1] - flat[k, 3]) - uy * (flat[k, 0] - flat[k, 2])
+    right_x, right_y = flat[k, 1] - x, flat[k, 3] - y
+    along = ux * (flat[k, 2] - flat[k, 3]) - uy * (flat[k, 0] - flat[k, 1])
     share = 0.0
     if along != 0.0:
         share = min(max(-(ux * right_y - uy * right_x) / along, 0.0), 1.0)
@@ -369,10 +358,10 @@ def _next_to_ends(points, count, room, x, y, bends):
     flat, near = room.flat, room.near
     first_x, first_y, last_x, last_y = x, y, 0.0, 0.0
     if bends > 0:
-        at, column = room.bends[0, 0], 2 * room.bends[1, 0]
-        first_x, first_y = flat[at, column], flat[at, column + 1]
-        at, column = room.bends[0, bends - 1], 2 * room.bends[1, bends - 1]
-        last_x, last_y = flat[at, column], flat[at, column + 1]
+        at, column = room.bends[0, 0], room.bends[1, 0]
+        first_x, first_y = flat[at, column], flat[at, column + 2]
+        at, column = room.bends[0, bends - 1], room.bends[1, bends - 1]
+        last_x, last_y = flat[at, column], flat[at, column + 2]
     _place_on(points, room, 0, 0.0, 0.0, first_x, first_y, near[0])
     _place_on(points, room, count - 1, x, y, x - last_x, y - last_y, near[1])
 
@@ -443,14 +432,14 @@ def write_trail(points, normals, room, trail):
     for i in range(number):
         k = (i + 1) * count // (number + 1)
         while bend < bends and room.bends[0, bend] < k:
-            at, column = room.bends[0, bend], 2 * room.bends[1, bend]
-            length += math.sqrt((flat[at, column] - x) ** 2 + (flat[at, column + 1] - y) ** 2)
-            x, y = flat[at, column], flat[at, column + 1]
+            at, column = room.bends[0, bend], room.bends[1, bend]
+            length += math.sqrt((flat[at, column] - x) ** 2 + (flat[at, column + 2] - y) ** 2)
+            x, y = flat[at, column], flat[at, column + 2]
             bend += 1
         ahead_x, ahead_y = near[2, 0] - x, near[2, 1] - y
         if bend < bends:
-            at, column = room.bends[0, bend], 2 * room.bends[1, bend]
-            ahead_x, ahead_y = flat[at, column] - x, flat[at, column + 1] - y
+            at, column = room.bends[0, bend], room.bends[1, bend]
+            ahead_x, ahead_y = flat[at, column] - x, flat[at, column + 2] - y
         size = math.sqrt(ahead_x * ahead_x + ahead_y * ahead_y)
         if size == 0.0:
             return False
@@ -458,7 +447,7 @@ def write_trail(points, normals, room, trail):
         _place_on(points, room, max(k - SPAN, 0), x, y, ahead_x, ahead_y, there)
         if not _across(normals, ends, k, there, trail[i]):
             return False
-        middle_x, middle_y = flat[k, 0] + flat[k, 2], flat[k, 1] + flat[k, 3]
+        middle_x, middle_y = flat[k, 0] + flat[k, 1], flat[k, 2] + flat[k, 3]
         along = (0.5 * middle_x - x) * ahead_x + (0.5 * middle_y - y) * ahead_y
         trail[i, FAR] = length + along / size
     return True
@@ -503,9 +492,10 @@ def walk_beside(walk, start, end, trail, moved, slope, limit, strip):
     if way < 0:
         return math.inf, 0
     h, px, py, pz = way_out(points, corners, way, plane, dot(plane, points[start]))
+    h = sure(h)
     length = math.sqrt((px - x) ** 2 + (py - y) ** 2 + (pz - z) ** 2)
     x, y, z = px, py, pz
-    a, b = corners[h], corners[next_side(h)]
+    a, b = sure(corners[h]), sure(corners[next_side(h)])
     turned = True
     for count in range(len(strip)):
         if turned:  # the plane leads to another place from here on
@@ -517,7 +507,8 @@ def walk_beside(walk, start, end, trail, moved, slope, limit, strip):
         t = twins[h]
         if t < 0 or length >= limit:
             return math.inf, 0
-        c = corners[previous_side(t)]
+        after, before = sure(next_side(t)), sure(previous_side(t))
+        c = sure(corners[before])
         if c == end:
             u, v, w = points[end, 0] - x, points[end, 1] - y, points[end, 2] - z
             return length + math.sqrt(u * u + v * v + w * w), count + 1
@@ -527,9 +518,9 @@ def walk_beside(walk, start, end, trail, moved, slope, limit, strip):
             a, b, da, db = b, a, db, da
         dc = dot(plane, points[c]) - offset
         if (dc >= 0.0) == (da >= 0.0):
-            h, a, b, da, db = next_side(t), b, c, db, dc
+            h, a, b, da, db = after, b, c, db, dc
         else:
-            h, a, b, da, db = previous_side(t), c, a, dc, da
+            h, a, b, da, db = before, c, a, dc, da
         qx, qy, qz = on_plane(points, a, b, da, db)
         length += math.sqrt((qx - x) ** 2 + (qy - y) ** 2 + (qz - z) ** 2)
         x, y, z = qx, qy, qz

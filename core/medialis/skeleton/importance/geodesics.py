@@ -54,9 +54,6 @@ DETOUR = 1.25  # halved 100 %, doubled 89 %
 """Times a path along the edges through a landmark: longer cuts are not straight, they go the wrong
 way round."""
 
-SIDES_A_CHUNK = 16384
-"""Of faces, measured."""
-
 PAIRS_A_CHUNK = 256  # halved 0 %, doubled 0 %
 """Searched on their own."""
 
@@ -410,7 +407,6 @@ def cut_by_planes(
     """Shortest plane cut of each pair, shortened."""
     from medialis.shape._kernels import measure_edges
     from medialis.skeleton.importance._geodesic_kernels import OPEN, Search, trace_geodesics
-    from medialis.skeleton.importance._strip_kernels import lay_apexes
     from medialis.skeleton.importance._walk_kernels import Paths
 
     k, starts, named, normals = len(ends), ends[:, 0], ends, shape.normals
@@ -423,12 +419,10 @@ def cut_by_planes(
         named = np.where(ends < 0, ends, place[ends])
         normals, components = normals[order], components[order]
         del place
-    planes, apexes = math.ceil(directions / 2), np.empty((len(walk.corners), 2))
-    given = len(apexes), SIDES_A_CHUNK, walk, apexes
-    run_chunks(lay_apexes, *given, progress=progress.still)
+    planes = math.ceil(directions / 2)
 
     def trace_all(rows: Index, limits: FloatArray, longest: FloatArray) -> None:
-        search = Search(normals, components, named, limits, longest, planes, following, apexes)
+        search = Search(normals, components, named, limits, longest, planes, following)
         size = FOLLOWING_A_CHUNK if following else PAIRS_A_CHUNK
         run_chunks(trace_geodesics, len(rows), size, rows, walk, search, out, progress=progress)
 
