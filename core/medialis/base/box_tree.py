@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import extent
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray
@@ -49,7 +50,8 @@ def build_box_tree(
     from medialis.base import _box_tree_kernels as kernels
 
     n = len(points)
-    center = 0.5 * (points.min(axis=0) / unit + points.max(axis=0) / unit)
+    low, high = extent(points)
+    center = 0.5 * (low / unit + high / unit)
     rows = allocate("rows", (n, 4), np.float64)
     for begin in range(0, n, ROWS_A_BLOCK):
         here = slice(begin, begin + ROWS_A_BLOCK)

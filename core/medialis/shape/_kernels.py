@@ -471,6 +471,46 @@ def bulge_faces(begin, end, mesh, out_bulges, out_cosines):
 
 
 @kernel
+def mark_cut(points, normals, faces, units, corners, cosines, steeper, sign, out_cut):
+    """Tell the vertices at which a face is cut, by some of the corners (`Creases.cut_vertices`)."""
+    inward, normal, foot = np.empty(3), np.empty(3), np.empty(3)
+    sides = np.empty((2, 3))
+    for corner in corners:
+        f, j = corner // 3, corner % 3
+        tip, off = faces[f, j], 0.0
+        for axis in range(3):
+            inward[axis], normal[axis] = -sign * normals[tip, axis], units[f, axis]
+            off += inward[axis] * normal[axis]
+        if inward[0] == 0.0 and inward[1] == 0.0 and inward[2] == 0.0:
+            continue
+        cosine = 1.0
+        for k in range(2):
+            along, length = 0.0, 0.0
+            for axis in range(3):
+                d = points[faces[f, (j + 1 + k) % 3], axis] - points[tip, axis]
+                sides[k, axis] = d
+                along += d * inward[axis]
+                length += d * d
+            if along > 0.0:
+                along /= math.sqrt(length)
+                cosine = min(cosine, math.sqrt(max(1.0 - along * along, 0.0)))
+        for axis in range(3):
+            foot[axis] = inward[axis] - off * normal[axis]
+        # The foot lies between the two sides of the corner: as seen along the normal of the face.
+        between = True
+        for first, second in ((sides[0], foot), (foot, sides[1])):
+            turn = 0.0
+            for axis in range(3):
+                u, v = (axis + 1) % 3, (axis + 2) % 3
+                turn += (first[u] * second[v] - first[v] * second[u]) * normal[axis]
+            between &= turn > 0.0
+        if between:
+            cosine = abs(off)
+        if cosine < cosines[f] - steeper:
+            out_cut[tip] = True
+
+
+@kernel
 def _off_line(points, a, b):
     return (
         (points[a, 0] - points[b, 0]) ** 2

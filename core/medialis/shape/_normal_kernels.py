@@ -239,18 +239,23 @@ SINGULAR = 1e-9  # weight of the six terms: neighbours on one line or conic
 
 
 @kernel
-def list_links(edges, used, out_offsets, out_neighbours):
-    """Neighbours of each vertex along the edges between used ones; `out_offsets` (n + 2,) is 0."""
+def list_links(edges, most, out_offsets, out_neighbours):
+    """Neighbours along edges of those that have at most `most`; `out_offsets` (n + 2,) is 0."""
     for e in range(len(edges)):
-        a, b = edges[e, 0], edges[e, 1]
-        if used[a] and used[b]:
-            out_offsets[a + 2] += 1
-            out_offsets[b + 2] += 1
+        out_offsets[edges[e, 0] + 2] += 1
+        out_offsets[edges[e, 1] + 2] += 1
+    hubs = out_offsets[2:] > most
+    if hubs.any():
+        for e in range(len(edges)):
+            a, b = edges[e, 0], edges[e, 1]
+            if hubs[a] or hubs[b]:
+                out_offsets[a + 2] -= 1
+                out_offsets[b + 2] -= 1
     for v in range(1, len(out_offsets)):
         out_offsets[v] += out_offsets[v - 1]
     for e in range(len(edges)):
         a, b = edges[e, 0], edges[e, 1]
-        if used[a] and used[b]:
+        if not (hubs[a] or hubs[b]):
             out_neighbours[out_offsets[a + 1]] = b
             out_neighbours[out_offsets[b + 1]] = a
             out_offsets[a + 1] += 1

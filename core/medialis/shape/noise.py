@@ -152,10 +152,9 @@ class _Links:
     def of(cls, shape: Shape) -> _Links:
         from medialis.shape._normal_kernels import list_links
 
-        few = np.bincount(shape.edges.ravel(), minlength=shape.point_count) <= MOST_EDGES
         offsets = np.zeros(shape.point_count + 2, np.int64)
         neighbours = np.empty(2 * len(shape.edges), np.int32)
-        list_links(shape.edges, few, offsets, neighbours)
+        list_links(shape.edges, MOST_EDGES, offsets, neighbours)
         return cls(shape.points, _on_planes(shape), offsets, neighbours)
 
     def _rings(self, rows: NDArray[np.int64], steps: int) -> tuple[IntArray, NDArray[np.int64]]:

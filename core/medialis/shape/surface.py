@@ -25,6 +25,7 @@ from medialis.base.arrays import (
     Index,
     Mask,
     Ragged,
+    extent,
     first_equal_row,
     kd_tree,
     next_side,
@@ -241,9 +242,8 @@ class Surface(Bound):
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper corner of the bounding box, two (3,) arrays."""
-        # Column by column: numpy is ten times slower along rows of three.
-        low, high = ([end(column) for column in self.points.T] for end in (np.min, np.max))
-        return frozen(np.array(low), np.float64), frozen(np.array(high), np.float64)
+        low, high = extent(self.points)
+        return frozen(low, np.float64), frozen(high, np.float64)
 
     @cached_property
     def diagonal(self) -> float:

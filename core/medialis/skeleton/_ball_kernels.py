@@ -290,6 +290,25 @@ def find_outside(begin, end, contacts, wanted):
         wanted[i] = outward < 0.0
 
 
+@kernel
+def nearest_of_all(points, rows, out_near):
+    """Nearest points of some of them, each one itself among them, by looking at all."""
+    count = out_near.shape[1]
+    away = np.empty(count)
+    for k in range(len(rows)):
+        x, y, z = points[rows[k], 0], points[rows[k], 1], points[rows[k], 2]
+        away[:] = np.inf
+        for i in range(len(points)):
+            dx, dy, dz = points[i, 0] - x, points[i, 1] - y, points[i, 2] - z
+            d2 = dx * dx + dy * dy + dz * dz
+            if d2 < away[count - 1]:
+                place = count - 1
+                while place > 0 and away[place - 1] > d2:
+                    away[place], out_near[k, place] = away[place - 1], out_near[k, place - 1]
+                    place -= 1
+                away[place], out_near[k, place] = d2, i
+
+
 class Grid(NamedTuple):
     """Points kept so far, in a hash table of cells: the first one of each and the next of each.
 

@@ -467,6 +467,25 @@ def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
 
 
 @kernel
+def find_contacts(points, faces, touched, weights, out_contact, out_nearest):
+    """Places of touched faces by their weights, and the corner nearest to each."""
+    for k in range(len(touched)):
+        corners, nearest, least = faces[touched[k]], -1, math.inf
+        for axis in range(3):
+            place = 0.0
+            for j in range(3):
+                place += weights[k, j] * points[corners[j], axis]
+            out_contact[k, axis] = place
+        for j in range(3):
+            d2 = 0.0
+            for axis in range(3):
+                d2 += (points[corners[j], axis] - out_contact[k, axis]) ** 2
+            if math.sqrt(d2) < least:
+                nearest, least = corners[j], math.sqrt(d2)
+        out_nearest[k] = nearest
+
+
+@kernel
 def _room(x, y, z, r, margin, hung, stack):
     """Distance of the triangle nearest to a place, where that is less than r; else r."""
     points, bounds, child, first, corners, _, hulls = hung

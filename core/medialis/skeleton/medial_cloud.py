@@ -357,10 +357,10 @@ def _nearest(shape: Shape, rows: IntArray, count: int) -> Index:
     points = shape.points
     if len(rows) * len(points) > FEW_DISTANCES:
         return np.asarray(shape.tree.query(points[rows], k=np.arange(1, count + 1))[1])
-    near, columns = np.empty((len(rows), count), np.int64), np.ascontiguousarray(points.T)
-    for at, row in enumerate(rows):
-        away = ((columns - columns[:, [row]]) ** 2).sum(axis=0)
-        near[at] = np.argpartition(away, count - 1)[:count]
+    from medialis.skeleton._ball_kernels import nearest_of_all
+
+    near = np.empty((len(rows), count), np.int64)
+    nearest_of_all(points, rows, near)
     return near
 
 
@@ -517,12 +517,13 @@ class Shrinking(NamedTuple):
         shape: Shape,
         tree: BoxTree,
         samples: NDArray[Any],
+        places: IntArray,
         normals: FloatArray,
         sign: int,
         progress: Progress,
     ) -> MedialCloud:
-        """Shrink balls of some samples with outward normals of their own (k, 3) on one side."""
-        arrays, tangents = blank_balls(len(samples)), (tree.place[samples], normals)
+        """Shrink balls of some samples, of these places in the tree, with normals of their own."""
+        arrays, tangents = blank_balls(len(samples)), (places, normals)
         given = tree, sign, arrays, tangents
         run_chunks(self.run, len(samples), SAMPLES_A_CHUNK, *given, progress=progress)
         side = np.full(len(samples), sign, np.int8)

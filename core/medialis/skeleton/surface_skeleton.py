@@ -217,13 +217,15 @@ def _with_lower_tolerance(
 
     def shrink_again(rows: Index, finer: float) -> MedialCloud:
         lengths = shrink_options(shape.diagonal, finer, options.largest_radius)
-        balls = lengths.shrink(shape, tree, rows, shape.normals[rows], 1, progress.still)
+        given = shape, tree, rows, place[rows], shape.normals[rows]
+        balls = lengths.shrink(*given, 1, progress.still)
         return balls if walls is None else walls.constrain(balls, finer, progress)
 
     hidden = np.flatnonzero(went_through(cloud))
-    hidden = hidden[np.argsort(tree.place[hidden])]  # neighbours share what they find
     if len(hidden) == 0:
         return cloud
+    place = tree.place if walls is None else walls.place
+    hidden = hidden[np.argsort(place[hidden])]  # neighbours share what they find
     exact = shrink_again(hidden, 0.0)
     curable = ~went_through(exact)  # others have another reason
     hidden, exact, finer = hidden[curable], exact.subset(curable), tolerance
@@ -328,10 +330,11 @@ def _balls(
 ) -> MedialCloud:
     """Return the balls of some samples with outward normals of their own."""
     shape = walls.shape
-    order = np.argsort(walls.tree.place[sources], kind="stable")  # neighbours share what they find
+    order = np.argsort(walls.place[sources], kind="stable")  # neighbours share what they find
     sources, directions = sources[order], directions[order]
     lengths = shrink_options(shape.diagonal, options.tolerance, options.largest_radius)
-    balls = lengths.shrink(shape, walls.tree, sources, directions, sign, progress)
+    places = walls.place[sources]
+    balls = lengths.shrink(shape, walls.tree, sources, places, directions, sign, progress)
     balls = walls.constrain(balls, options.tolerance, progress, directions=sign * directions)
     at_own = balls.radii <= options.tolerance * shape.diagonal
     outside = ((balls.contacts - balls.centers) * balls.contact_normals).sum(axis=1) * sign < 0

@@ -66,6 +66,8 @@ class Walls:
         Of the mesh.
     tree : BoxTree
         Of the samples.
+    place : (n,) int32
+        Where each sample lies in the tree.
     faces : (8 b,) int32
         Faces in blocks of 8, those of each leaf in blocks of their own; -1 where a slot is left.
     hung : Hung
@@ -74,6 +76,7 @@ class Walls:
 
     creases: Creases
     tree: BoxTree
+    place: IntArray
     faces: IntArray
     hung: Hung
 
@@ -95,13 +98,13 @@ class Walls:
         out = order, corners, reliefs
         bulges = creases.bulges
         kernels.fill_blocks(place, faces, leaf, first, bulges, creases.least_cosines, unit, out)
-        del bulges, place, leaf  # as large as the shape
+        del bulges, leaf  # as large as the shape
         hulls = np.empty((blocks, kernels.ROWS, kernels.BLOCK), np.float32)
         run_chunks(kernels.fill_hulls, blocks, BLOCKS_A_CHUNK, tree.points, corners, hulls)
         bounds = np.empty_like(tree.bounds)
         fill_bounds(bounds, depth, _leaves(tree.points, corners, first))
         hung = kernels.Hung(tree.points, bounds, tree.child, first, corners, reliefs, hulls)
-        return cls(creases, tree, order, hung)
+        return cls(creases, tree, place, order, hung)
 
     @property
     def shape(self) -> Shape:
@@ -149,17 +152,20 @@ class Walls:
         from medialis.skeleton._triangle_kernels import TangentBalls, shrink_to_triangles
 
         tree, shape = self.tree, self.shape
-        at_own, samples = directions is not None, tree.place[cloud.source]
+        at_own = directions is not None
         # Neighbours share certificates; inner balls, the first, are the same with outer ones.
         n, k = len(tree.order), len(cloud)
         if k % n == 0 and (cloud.source.reshape(-1, n) == np.arange(n)).all():
             order = (n * np.arange(k // n)[:, None] + tree.order).ravel()
+            samples, normals = np.tile(np.arange(n, dtype=np.int32), k // n), tree.normals
         else:
+            samples = self.place[cloud.source]
             order = np.lexsort((samples, -cloud.side))
-        samples, signs = samples[order], cloud.side[order]
+            samples = samples[order]
+            normals = tree.normals[samples]
+        signs = cloud.side[order]
         if directions is None:
-            direction = tree.normals[samples]
-            direction *= signs[:, None]
+            direction = (signs.reshape(-1, len(normals), 1) * normals).reshape(-1, 3)
         else:
             direction = np.ascontiguousarray(directions[order])
         largest = float(np.nanmax(cloud.radii, initial=0.0)) / shape.diagonal
@@ -248,13 +254,12 @@ def _touching_faces(
 
     Of a face that is a chord of a cylinder they touch the cylinder.
     """
+    from medialis.skeleton._triangle_kernels import find_contacts
+
     surface, source = cloud.surface, cloud.source[rows]
-    corners, own = np.asarray(surface.faces)[faces], surface.points[source]
-    contact = np.einsum("kj,kja->ka", weights, surface.points[corners])
+    own, contact, second = surface.points[source], np.empty((len(rows), 3)), np.empty_like(source)
+    find_contacts(surface.points, np.asarray(surface.faces), faces, weights, contact, second)
     radii = _within_cylinders(surface, faces, contact, own, directions, radii)
-    apart = [np.linalg.norm(surface.points[corners[:, j]] - contact, axis=1) for j in range(3)]
-    second = corners[np.arange(len(rows)), np.argmin(apart, axis=0)]
-    del corners, apart
     centers = own - radii[:, None] * directions
     features, status = np.stack([source, second], axis=1), BallStatus.OK
     balls = {"centers": centers, "radii": radii, "features": features, "status": status}
