@@ -177,6 +177,10 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
         r, feature = largest, -1
         own = ((i + 1) << depth) // n  # a leaf close to the sample: its own or a neighbour
         own = min(own, (1 << depth) - 1)
+        if previous >= 0:
+            r, slot = _scan_leaf(blocks[previous], px, py, pz, nx, ny, nz, r, a, near2)
+            if slot >= 0:
+                feature = previous * LEAF + slot
         r, slot = _scan_leaf(blocks[own], px, py, pz, nx, ny, nz, r, a, near2)
         if slot >= 0:
             feature = own * LEAF + slot
@@ -186,10 +190,6 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
                 for axis in range(3):
                     recent[axis, j] = blocks[own, axis, j]
             fresh = False
-        if previous >= 0:
-            r, slot = _scan_leaf(blocks[previous], px, py, pz, nx, ny, nz, r, a, near2)
-            if slot >= 0:
-                feature = previous * LEAF + slot
         r, slot = _scan_leaf(recent, px, py, pz, nx, ny, nz, r, a, near2)
         if slot >= 0:
             leaf = names[slot] // LEAF
@@ -216,6 +216,8 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
                             top += 1
                         continue
                     leaf = ~base + j
+                    if leaf in (own, previous):
+                        continue  # scanned with a larger ball
                     r, slot = _scan_leaf(blocks[leaf], px, py, pz, nx, ny, nz, r, a, near2)
                     if slot >= 0:
                         feature = leaf * LEAF + slot
