@@ -55,7 +55,8 @@ def build_box_tree(
     rows = allocate("rows", (n, 4), np.float64)
     for begin in range(0, n, ROWS_A_BLOCK):
         here = slice(begin, begin + ROWS_A_BLOCK)
-        np.subtract(points[here] / unit, center, out=rows[here, :3])
+        for axis in range(3):
+            np.subtract(points[here, axis] / unit, center[axis], out=rows[here, axis])
         rows[here, 3] = np.arange(begin, begin + len(rows[here]))
     depth = max(0, int(np.ceil(np.log2(n / kernels.LEAF)))) if n > kernels.LEAF else 0
     while -(-n // (1 << depth)) > kernels.LEAF:

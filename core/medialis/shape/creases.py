@@ -197,7 +197,7 @@ def find_creases(shape: Shape, angle: float) -> Creases:
     flat = shape.topology.faces.ravel()
     touched = np.zeros(shape.point_count, np.bool_)
     touched[flat[first]] = touched[flat[next_side(first)]] = True
-    corners = np.flatnonzero(touched[flat])
+    corners = np.flatnonzero(touched.take(flat))
     row = np.full(len(flat), -1, np.int32)
     row[corners] = np.arange(len(corners))
     parted = np.concatenate([first, second])
