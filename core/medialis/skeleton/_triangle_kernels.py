@@ -63,6 +63,9 @@ MOST_STEPS = 60
 SLIVER = 8.0
 """A face is a sliver where it is so many times as long as it is high."""
 
+SURE = 1e-12
+"""Squared length in units of the tree: more than rounding makes of corners that lie outside."""
+
 NOWHERE = -1e15
 """Radius of the disc of a slot left over: never near, whatever the margins."""
 
@@ -274,32 +277,48 @@ def _lowest(d1, d2, aa, ab, cc):
 
 
 @kernel
-def _shrink_to(i, n, sign, r, relief, least, highest, points, own, bulges):
+def _shrink_to(i, nx, ny, nz, sign, r, relief, least, highest, points, corners, reliefs, slot):
     """Shrink the ball tangent at sample i until a triangle lies no deeper in it than it may.
 
-    `own` has the corners of the triangle, `bulges` its row of `reliefs`; `sign` is that of the side
+    `slot` is that of the triangle (views of rows would cost a third more), `sign` that of the side
     of the ball, and `highest` the most that h may be of r. The deepest place is that of the least
     |c - x|^2 + 2 r h(x): as the place nearest to c, with all squared lengths of sides less 2 r b.
     All that depends on r does so linearly.
 
+    With f = |c - x|^2 - (r - a)^2 at the corners, the form is the sum of w_i^2 f_i and of w_i w_j
+    (f_i + f_j - the squared side less 2 r b). Where all of these are positive T is no wall: so it
+    is with nine of ten faces that a large ball nearly touches in a ring.
+
     Returns (radius, s, t): the same radius when it lies no deeper already; else s and t tell the
     place corner0 + s (corner1 - corner0) + t (corner2 - corner0) that it touches.
     """
-    p, o = points[i], points[own[0]]
-    ux, uy, uz = points[own[1], 0] - o[0], points[own[1], 1] - o[1], points[own[1], 2] - o[2]
-    vx, vy, vz = points[own[2], 0] - o[0], points[own[2], 1] - o[1], points[own[2], 2] - o[2]
-    wx, wy, wz = p[0] - o[0], p[1] - o[1], p[2] - o[2]
+    c0, c1, c2 = corners[slot, 0], corners[slot, 1], corners[slot, 2]
+    ox, oy, oz = points[c0, 0], points[c0, 1], points[c0, 2]
+    ux, uy, uz = points[c1, 0] - ox, points[c1, 1] - oy, points[c1, 2] - oz
+    vx, vy, vz = points[c2, 0] - ox, points[c2, 1] - oy, points[c2, 2] - oz
+    wx, wy, wz = points[i, 0] - ox, points[i, 1] - oy, points[i, 2] - oz
     uu, vv = dot(ux, uy, uz, ux, uy, uz), dot(vx, vy, vz, vx, vy, vz)
     uv, uw = dot(ux, uy, uz, vx, vy, vz), dot(ux, uy, uz, wx, wy, wz)
     vw, ww = dot(vx, vy, vz, wx, wy, wz), dot(wx, wy, wz, wx, wy, wz)
-    un, vn = dot(ux, uy, uz, n[0], n[1], n[2]), dot(vx, vy, vz, n[0], n[1], n[2])
-    wn = dot(wx, wy, wz, n[0], n[1], n[2])
+    un, vn = dot(ux, uy, uz, nx, ny, nz), dot(vx, vy, vz, nx, ny, nz)
+    wn = dot(wx, wy, wz, nx, ny, nz)
     k, b0, b1, b2 = 1.0, 0.0, 0.0, 0.0
-    if own[0] == i or own[1] == i or own[2] == i:
-        k = bulges[COSINE]
+    if c0 == i or c1 == i or c2 == i:
+        k = reliefs[slot, COSINE]
     else:
-        b0, b1 = max(sign * bulges[0], 0.0), max(sign * bulges[1], 0.0)
-        b2 = max(sign * bulges[2], 0.0)
+        b0, b1 = max(sign * reliefs[slot, 0], 0.0), max(sign * reliefs[slot, 1], 0.0)
+        b2 = max(sign * reliefs[slot, 2], 0.0)
+        n1, n2 = ww - 2.0 * uw + uu, ww - 2.0 * vw + vv
+        near = max(ww, max(n1, n2)) < 2.0 * r * r - SURE
+        a = relief if near else min(relief, least)
+        slack = a * (2.0 * r - a) - SURE
+        f0, f1 = ww - 2.0 * r * wn + slack, n1 - 2.0 * r * (wn - un) + slack
+        f2 = n2 - 2.0 * r * (wn - vn) + slack
+        off = min(f0, min(f1, f2)) >= 0.0 and f0 + f1 >= uu - 2.0 * r * b0
+        off = off and f0 + f2 >= vv - 2.0 * r * b2
+        off = off and f1 + f2 >= uu - 2.0 * uv + vv - 2.0 * r * b1
+        if off and r > a and max(b0, max(b1, b2)) <= 3.0 * highest * r:
+            return r, -1.0, -1.0
     best_s, best_t = -1.0, -1.0
     for _ in range(MOST_STEPS):
         s, t = _lowest(
@@ -404,9 +423,10 @@ def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
         if not r > 0.0:
             continue
         i0, sign = samples[i], np.float64(signs[i])
-        p, n = points[i0], directions[i]
-        px, py, pz = np.float32(p[0]), np.float32(p[1]), np.float32(p[2])
-        cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+        x, y, z = points[i0, 0], points[i0, 1], points[i0, 2]
+        nx, ny, nz = directions[i, 0], directions[i, 1], directions[i, 2]
+        px, py, pz = np.float32(x), np.float32(y), np.float32(z)
+        cx, cy, cz = x - r * nx, y - r * ny, z - r * nz
         certain = 0
         for j in range(KNOWN):
             dx, dy, dz = cx - known[0, j], cy - known[1, j], cz - known[2, j]
@@ -441,23 +461,25 @@ def shrink_to_triangles(begin, end, balls, lengths, least, highest, hung):
                     while near > 0:
                         slot = BLOCK * block + lowest_bit(near)
                         near &= near - 1
-                        own = corners[slot]
-                        if not at_own and (own[0] == i0 or own[1] == i0 or own[2] == i0):
+                        one, two, three = corners[slot, 0], corners[slot, 1], corners[slot, 2]
+                        if not at_own and (one == i0 or two == i0 or three == i0):
                             continue
                         less, s, t = _shrink_to(
-                            i0, n, sign, r, a, least, highest, points, own, reliefs[slot]
-                        )
+                            i0, nx, ny, nz, sign, r, a, least, highest,
+                            points, corners, reliefs, slot,
+                        )  # fmt: skip
                         if s >= 0.0:
                             r, best_s, best_t = less, s, t
                             face = slot
-                            cx, cy, cz = p[0] - r * n[0], p[1] - r * n[1], p[2] - r * n[2]
+                            cx, cy, cz = x - r * nx, y - r * ny, z - r * nz
                             reach, closer = max(r - least + margin, 0.0), max(r - a + margin, 0.0)
                             wide2 = (2.0 - 1e-5) * r * r
         known[0, turn], known[1, turn], known[2, turn], known[3, turn] = cx, cy, cz, r
         turn = (turn + 1) % KNOWN
         if face >= 0:
-            own, bulges = corners[face], reliefs[face]
-            less, s, t = _shrink_to(i0, n, sign, r, 0.0, 0.0, highest, points, own, bulges)
+            less, s, t = _shrink_to(
+                i0, nx, ny, nz, sign, r, 0.0, 0.0, highest, points, corners, reliefs, face
+            )
             if s >= 0.0:
                 r, best_s, best_t = less, s, t
             radii[i] = r
