@@ -35,6 +35,20 @@ def test_sets_are_those_of_the_oracle(shape):
         assert sets.clusters[sets.samples.offsets[row]] == 0
 
 
+def test_balls_of_a_tube_that_touch_too_many_samples_are_those_that_hold_them():
+    """A certificate that one ball gives another tells the truth: counted sample by sample."""
+    turn, z = np.meshgrid(2 * np.pi * np.arange(300) / 300, 0.03 * np.arange(16))
+    normals = np.stack([np.cos(turn), np.sin(turn), 0 * z], axis=2).reshape(-1, 3)
+    points = (1.0 - 0.02 * z.ravel()[:, None]) * normals + z.ravel()[:, None] * [0, 0, 1]
+    cloud = medialis.shrink_balls(medialis.Shape(points, normals))
+    sets = medialis.extended_feature_transform(cloud)
+    gap = 0.1 * local_spacing(cloud.surface)[cloud.features].mean(axis=1)
+    apart = np.linalg.norm(cloud.centers[:, None] - points, axis=2)
+    held = (apart <= (cloud.radii + gap)[:, None]).sum(axis=1)
+    assert 1000 < (held > 1024).sum() < len(cloud)
+    assert ((held > 1024) == ((sets.samples.lengths == 2) & (sets.agreement == 0))).all()
+
+
 def test_threads_scale_and_order_change_nothing():
     shape = medialis.organic_shape(56)
     cloud = medialis.shrink_balls(shape)

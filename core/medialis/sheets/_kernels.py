@@ -26,6 +26,12 @@ MOST_SAMPLES = 1024
 """Samples of one set at most. A flat contact holds about 0.6 r / h of them (tau = 0.1 h), so only a
 ball that touches a piece of a sphere or a tube with thousands of samples has more."""
 
+KNOWN = 32
+"""Balls with too many samples that are kept: a chunk on a tube lies on about as many rings."""
+
+SURE = 1e-12
+"""Length in units of the tree: more than rounding makes of distances."""
+
 SAME_SIDE = 0.7
 """Cosine between normals on one side of a wall: less than 45 degrees apart."""
 
@@ -37,7 +43,9 @@ class TouchingBalls(NamedTuple):
     ----------
     centers : (k, 3) float64
     reach : (k,) float64
-        Radius, and how far outside a sample may lie.
+        Radius and gap.
+    gaps : (k,) float64
+        How far outside a sample may lie.
     features : (k, 2) int32
         Two samples that are in the set.
     margin : float
@@ -46,6 +54,7 @@ class TouchingBalls(NamedTuple):
 
     centers: NDArray[np.float64]
     reach: NDArray[np.float64]
+    gaps: NDArray[np.float64]
     features: NDArray[np.int32]
     margin: float
 
@@ -217,23 +226,44 @@ def _put_first(found, count, sample, place):
 
 
 @kernel
+def _holds_many(known, x, y, z, reach):
+    """Tell whether a ball holds one of those that are known to have too many samples."""
+    held = 0
+    for j in range(KNOWN):
+        dx, dy, dz = x - known[0, j], y - known[1, j], z - known[2, j]
+        room = reach - known[3, j]
+        held += (room >= 0.0) & (dx * dx + dy * dy + dz * dz <= room * room)
+    return held > 0
+
+
+@kernel
 def find_sets(begin, end, rows, balls, normals, tree, graph, out):
     """Feature sets of the balls rows[begin:end]: samples and clusters, one after the other.
 
     The first two samples of a set are the feature points of the ball. A set of more than
     MOST_SAMPLES is cut to these two, in one cluster with an agreement of 0: it goes round the ball.
+    Balls in the middle of a tube are nearly the same all round: what holds one that has so many
+    within half of its gap is cut without a walk.
     """
-    centers, reach, features, margin = balls
+    centers, reach, gaps, features, margin = balls
     n = len(normals)
     stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
     found, cluster = np.empty(MOST_SAMPLES + 2, np.int32), np.empty(MOST_SAMPLES + 2, np.int16)
     parent, stamp = np.empty(MOST_SAMPLES + 2, np.int32), np.full(n, -1, np.int32)
     samples, labels = np.empty(32 * (end - begin), np.int32), np.empty(32 * (end - begin), np.int16)
+    known, oldest = np.full((4, KNOWN), np.inf), 0
     filled = 0
     for turn in range(begin, end):
         row = rows[turn]
         x, y, z = centers[row, 0], centers[row, 1], centers[row, 2]
-        count = _find_in_ball(x, y, z, reach[row], margin, tree, stack, found)
+        count = MOST_SAMPLES + 1
+        if not _holds_many(known, x, y, z, reach[row]):
+            count = _find_in_ball(x, y, z, reach[row], margin, tree, stack, found)
+            less = reach[row] - 0.5 * gaps[row]
+            if count > MOST_SAMPLES < _find_in_ball(x, y, z, less, margin, tree, stack, found):
+                known[0, oldest], known[1, oldest], known[2, oldest] = x, y, z
+                known[3, oldest] = less + SURE
+                oldest = (oldest + 1) % KNOWN
         if count > MOST_SAMPLES:
             found[0], found[1] = features[row, 0], features[row, 1]
             cluster[0] = cluster[1] = 0

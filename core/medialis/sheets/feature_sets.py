@@ -178,9 +178,10 @@ def _find(cloud: MedialCloud, rows: IntArray, gaps: FloatArray, progress: Progre
         lengths = shrink_options(shape.diagonal, 0.0, 0.0)
         unit, tree = lengths.unit, sample_tree(shape, progress)
         rows = rows[np.argsort(tree.place[cloud.source[rows]], kind="stable")]
-        reach = cloud.radii / unit + gaps / unit
+        gaps = gaps / unit
+        reach = cloud.radii / unit + gaps
         centers = cloud.centers / unit - tree.center
-        balls = TouchingBalls(centers, reach, cloud.features, lengths.margin)
+        balls = TouchingBalls(centers, reach, gaps, cloud.features, lengths.margin)
         normals = run_patiently(lambda: _mean_face_normals(shape), progress)
         graph = run_patiently(lambda: surface_graph(shape), progress)
         links = Links(graph.offsets, graph.indices)
