@@ -100,6 +100,54 @@ def test_what_lies_beside_a_bone_outside_its_body_does_not_move():
     assert weights[first & low, 0].min() > 0.9 and weights[second & low, 1].min() > 0.9
 
 
+def test_the_cheapest_bones_of_cells_are_those_of_a_search_for_each_bone():
+    """Lists without order give what a heap gives, through faces and outside as well."""
+    from medialis.rigging._way_kernels import Fares, Grid, Waiting, Ways, _is_open, nearest_bones
+
+    rng, size, fee, bones, kept = np.random.default_rng(0), np.array([5, 6, 7]), 30.0, 4, 2
+    count = int(size.prod())
+    inside = rng.random(count) < 0.7
+    parted = np.where(rng.random(count) < 0.2, rng.integers(0, 8, count), 0).astype(np.uint8)
+    passed, no, yes = (
+        inside | (rng.random(count) < 0.5),
+        np.zeros(count, bool),
+        np.ones(count, bool),
+    )
+    seeds = rng.choice(np.flatnonzero(passed), bones, replace=False)
+    begin = rng.random(bones)
+
+    places = np.stack(np.unravel_index(np.arange(count), size), axis=1)
+    strides = np.array([size[1] * size[2], size[2], 1])
+    pairs, costs = [], []
+    for cell, other in np.argwhere(np.abs(places[:, None] - places).max(axis=2) == 1):
+        step = places[other] - places[cell]
+        way = np.linalg.norm(step) * (1.0 if inside[cell] and inside[other] else 4.0)
+        pairs.append((cell, other))
+        costs.append(way + fee * (not _is_open(parted, cell, step, strides)))
+    ends = np.array(pairs)
+    ways_in = passed[ends].all(axis=1)
+    graph = coo_array((np.array(costs)[ways_in], ends[ways_in].T), shape=(count, count)).tocsr()
+    expected = np.sort((dijkstra(graph, indices=seeds) + begin[:, None]).T, axis=1)[:, :kept]
+
+    ways = Ways(
+        np.full((count, kept), -1, np.int32),
+        np.full((count, kept), np.inf),
+        np.full((count, kept), np.inf),
+    )
+    ways.bones[seeds, 0], ways.costs[seeds, 0], ways.lengths[seeds, 0] = (
+        np.arange(bones),
+        begin,
+        begin,
+    )
+    lists = np.full(int(fee + 4 * 3**0.5) + 2, -1, np.int32)
+    after, before = np.empty((2, ways.costs.size), np.int32)
+    grid = Grid(size, inside, parted, no, passed, yes)
+    limit = nearest_bones(grid, Fares(4.0, fee, 9.0), ways, Waiting(lists, after, before))
+    assert limit > expected[np.isfinite(expected)].max()
+    assert (expected.max(axis=1) > fee).sum() > 20  # the fee is paid somewhere
+    np.testing.assert_allclose(np.sort(ways.costs, axis=1), expected, rtol=1e-12)
+
+
 @pytest.mark.slow
 def test_nearest_bones_are_those_of_a_search_on_all_cells_inside():
     """The oracle: shortest ways on a grid whose inside is told by the formula of the body."""

@@ -7,7 +7,8 @@ A grid has `size` cells along each axis; cell (x, y, z) is the one of row
    the count of entries from there on, and parts two neighbours.
 2. Nearest bones: Dijkstra's search from all bones at once, which leaves the few cheapest of them at
    each cell. A step goes to one of 26 neighbours; it costs its length inside the body, more
-   outside, and much more where a face parts the two.
+   outside, and much more where a face parts the two. No step costs less than 1, so what costs
+   alike, up to that, waits in a list without order: none of it makes another cheaper.
 3. Smoothing within the bones that each vertex has: no bone comes, none goes.
 """
 
@@ -19,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._kernels import pop, push
 from medialis.base.jit import kernel
 
 
@@ -57,13 +57,28 @@ class Ways(NamedTuple):
     costs : (cells, k) float64
     lengths : (cells, k) float64
         The part of the costs that is no fee for crossing faces.
-    done : (cells, k) bool
     """
 
     bones: NDArray[np.int32]
     costs: NDArray[np.float64]
     lengths: NDArray[np.float64]
-    done: NDArray[np.bool_]
+
+
+class Waiting(NamedTuple):
+    """Lists of the ways that wait, one for each cost of a whole number, in turn; -1: the end.
+
+    The way of cell c in column k has the name c * k + column.
+
+    Attributes
+    ----------
+    firsts : (lists,) int32
+        More lists than a step costs, and than a seed does.
+    after, before : (cells * k,) int32
+    """
+
+    firsts: NDArray[np.int32]
+    after: NDArray[np.int32]
+    before: NDArray[np.int32]
 
 
 class Fares(NamedTuple):
@@ -166,22 +181,24 @@ def _is_open(parted, cell, step, strides):
 
 
 @kernel
-def enter(ways, cell, bone, cost, length):
-    """Keep a bone at a cell if it is among the cheapest; return its column, -1 where it is not."""
-    worst, column = -1.0, -1
-    for k in range(ways.bones.shape[1]):
-        if ways.bones[cell, k] == bone:
-            if ways.done[cell, k] or ways.costs[cell, k] <= cost:
-                return -1
-            worst, column = math.inf, k
-            break
-        if ways.costs[cell, k] > worst and not ways.done[cell, k]:
-            worst, column = ways.costs[cell, k], k
-    if column < 0 or worst <= cost:
-        return -1
-    ways.bones[cell, column] = bone
-    ways.costs[cell, column], ways.lengths[cell, column] = cost, length
-    return column
+def _wait(firsts, after, before, name, row):
+    """Put a way into a list."""
+    second = firsts[row]
+    firsts[row], after[name], before[name] = name, second, -1
+    if second >= 0:
+        before[second] = name
+
+
+@kernel
+def _leave(firsts, after, before, name, row):
+    """Take a way out of its list."""
+    former, latter = before[name], after[name]
+    if former >= 0:
+        after[former] = latter
+    else:
+        firsts[row] = latter
+    if latter >= 0:
+        before[latter] = former
 
 
 @kernel
@@ -212,60 +229,63 @@ def _on_grid(at, step, size):
 
 
 @kernel
-def nearest_bones(grid, fares, ways, seeds, keys, names):
+def nearest_bones(grid, fares, ways, waiting):
     """Search the cheapest bones of the wanted cells, and of all that lie nearer.
+
+    Of bones that cost the same those that come first are kept.
 
     Parameters
     ----------
     grid : Grid
+        Cells are wanted no more once they have a bone.
     fares : Fares
     ways : Ways
-        Filled; empty rows have bone -1 and an infinite cost.
-    seeds : (s, 3) float64
-        Cell, bone and cost where the search begins.
-    keys, names : (q,) float64, (q,) int64
-        Room for the heap.
+        Those where the search begins; filled.
+    waiting : Waiting
+        Empty lists.
 
     Returns
     -------
-    int
-        0, or 1 where the heap is too small.
+    float
+        The cost up to which ways are the cheapest ones, and to which the search went.
     """
-    width = ways.bones.shape[1]
+    bones, costs = ways.bones, ways.costs
+    firsts, after, before = waiting
+    width = bones.shape[1]
     strides = np.array([grid.size[1] * grid.size[2], grid.size[2], 1], np.int64)
     steps, offsets, lengths = _neighbours(strides)
     at = np.zeros(3, np.int64)
-    size, left = 0, 0
-    for cell in range(len(grid.wanted)):
+    left, highest = 0, -1.0
+    # The costliest bone of each cell: what costs more is turned away without a look at the rest.
+    most = np.full(len(grid.wanted), -1.0)
+    for cell in range(len(most)):
         left += grid.wanted[cell]
-    # The costliest bone of each cell: what costs as much is turned away without a look at the rest.
-    most = np.full(len(grid.wanted), math.inf)
-    for row in range(len(seeds)):
-        cell = int(seeds[row, 0])
-        column = enter(ways, cell, int(seeds[row, 1]), seeds[row, 2], seeds[row, 2])
-        if column >= 0:
-            if size == len(keys):
-                return 1
-            size = push(keys, names, size, seeds[row, 2], cell * width + column)
-            most[cell] = ways.costs[cell].max()
-    limit = math.inf
-    while size > 0:
-        size = pop(keys, names, size)
-        cost, name = keys[size], names[size]
-        if cost > limit:
-            break
-        cell, column = name // width, name % width
-        if ways.done[cell, column] or ways.costs[cell, column] != cost:
-            continue
-        first = True
         for k in range(width):
-            first = first and not ways.done[cell, k]
-        ways.done[cell, column] = True
-        if first and grid.wanted[cell]:
-            left -= 1
+            if grid.passed[cell]:
+                most[cell] = max(most[cell], costs[cell, k])
+            if costs[cell, k] < math.inf:
+                highest = max(highest, costs[cell, k])
+                _wait(firsts, after, before, cell * width + k, int(costs[cell, k]) % len(firsts))
+    whole, limit, last, length_of_last = 0, math.inf, -1.0, 0.0
+    while whole <= min(limit, highest):
+        row = whole % len(firsts)
+        name = firsts[row]
+        if name < 0:
+            whole += 1
             if left == 0:
-                limit = cost + fares.further * ways.lengths[cell, column]
-        bone, length = ways.bones[cell, column], ways.lengths[cell, column]
+                limit = last + fares.further * length_of_last
+            continue
+        _leave(firsts, after, before, name, row)
+        cell, column = name // width, name % width
+        bone, cost, length = bones[cell, column], costs[cell, column], ways.lengths[cell, column]
+        if cost > limit:
+            continue
+        if grid.wanted[cell]:
+            grid.wanted[cell] = False
+            left -= 1
+            nearest = costs[cell].argmin()
+            if costs[cell, nearest] > last:
+                last, length_of_last = costs[cell, nearest], ways.lengths[cell, nearest]
         at[0], at[1], at[2] = (
             cell // strides[0],
             cell // strides[1] % grid.size[1],
@@ -279,26 +299,38 @@ def nearest_bones(grid, fares, ways, seeds, keys, names):
             if not within and not _on_grid(at, steps[code], grid.size):
                 continue
             other = cell + offsets[code]
-            if not grid.passed[other]:
-                continue
             way = lengths[code]
+            if cost + way > most[other]:
+                continue
             if not (inside and grid.inside[other]):
                 way *= fares.outside
             further = cost + way
-            if further >= most[other]:
+            if further > most[other]:
                 continue
             if not clear and not _is_open(grid.parted, cell, steps[code], strides):
                 further += fares.fee
-            kept = enter(ways, other, bone, further, length + way)
-            if kept >= 0:
-                if size == len(keys):
-                    return 1
-                size = push(keys, names, size, further, other * width + kept)
-                worst = 0.0
-                for k in range(width):
-                    worst = max(worst, ways.costs[other, k])
-                most[other] = worst
-    return 0
+            column, known = 0, -1.0
+            for k in range(width):
+                if bones[other, k] == bone:
+                    column, known = k, costs[other, k]
+                    break
+                if costs[other, k] > known or (
+                    costs[other, k] == known and bones[other, k] > bones[other, column]
+                ):
+                    column, known = k, costs[other, k]
+            if known < further or (known == further and bones[other, column] <= bone):
+                continue
+            name = other * width + column
+            if known < math.inf:
+                _leave(firsts, after, before, name, int(known) % len(firsts))
+            _wait(firsts, after, before, name, int(further) % len(firsts))
+            bones[other, column], costs[other, column] = bone, further
+            ways.lengths[other, column] = length + way
+            worst = 0.0
+            for k in range(width):
+                worst = max(worst, costs[other, k])
+            most[other], highest = worst, max(highest, further)
+    return limit
 
 
 class Couplings(NamedTuple):

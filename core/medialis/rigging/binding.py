@@ -216,7 +216,7 @@ def _smoothed_within(
 
 def _nearest(shape: Shape, armature: Armature | Bones) -> tuple[SkinWeights, FloatArray]:
     """Return the nearest bones of each vertex with their shares, and the distance to them."""
-    from medialis.rigging._way_kernels import Fares, Ways, nearest_bones
+    from medialis.rigging._way_kernels import Fares, Waiting, nearest_bones
 
     cell, origin, size = _lattice(shape, armature)
     points = (shape.points - origin) / cell
@@ -226,18 +226,13 @@ def _nearest(shape: Shape, armature: Armature | Bones) -> tuple[SkinWeights, Flo
     grid.wanted[around.cells[around.good | ~around.good.any(axis=1, keepdims=True)]] = True
     heads, tails = (armature.heads - origin) / cell, (armature.tails - origin) / cell
     fee = FEE * float(np.linalg.norm(size))
-    seeds = _seeds(heads, tails, grid, fee)
-    cells = len(grid.inside)
-    kept = min(KEPT, armature.count)
-    ways = Ways(
-        np.full((cells, kept), -1, np.int32), np.full((cells, kept), np.inf),
-        np.full((cells, kept), np.inf), np.zeros((cells, kept), np.bool_),
-    )  # fmt: skip
-    room = 4 * kept * cells
-    nearest_bones(
-        grid, Fares(OUTSIDE, fee, FURTHER), ways, seeds, np.empty(room), np.empty(room, np.int64)
-    )
-    found = _of_vertices(around, ways, fee)
+    ways = _seeds(heads, tails, grid, fee)
+    seeds = ways.costs[np.isfinite(ways.costs)]
+    lists = int(max(fee + OUTSIDE * np.sqrt(3.0), seeds.max())) + 2
+    after, before = np.empty((2, ways.costs.size), np.int32)
+    waiting = Waiting(np.full(lists, -1, np.int32), after, before)
+    limit = nearest_bones(grid, Fares(OUTSIDE, fee, FURTHER), ways, waiting)
+    found = _of_vertices(around, ways, limit, fee)
     skin, far = _shared(points, heads, tails, found, fee)
     return skin, cell * far
 
@@ -282,8 +277,10 @@ def _cells_around(places: FloatArray, size: Index) -> tuple[Index, FloatArray]:
     return np.ravel_multi_index(tuple(corner.T), tuple(size)).T, corner.astype(np.float64)
 
 
-def _seeds(heads: FloatArray, tails: FloatArray, grid: Grid, fee: float) -> FloatArray:
-    """Return cell, bone and cost of the cells around each bone; those outside pay as others do."""
+def _seeds(heads: FloatArray, tails: FloatArray, grid: Grid, fee: float) -> Ways:
+    """Return the ways to the cells around each bone; those outside pay as others do."""
+    from medialis.rigging._way_kernels import Ways
+
     counts = np.ceil(2.0 * np.linalg.norm(tails - heads, axis=1)).astype(np.int64) + 2
     bone = np.repeat(np.arange(len(heads)), counts)
     step = np.arange(len(bone)) - np.repeat(np.cumsum(counts) - counts, counts)
@@ -291,9 +288,19 @@ def _seeds(heads: FloatArray, tails: FloatArray, grid: Grid, fee: float) -> Floa
     cells, centers = _cells_around((1 - share) * heads[bone] + share * tails[bone], grid.size)
     bone = np.repeat(bone, 8)
     cells, far = cells.ravel(), _distance(centers.reshape(-1, 3), heads[bone], tails[bone])
-    cost = np.where(grid.inside[cells], far, OUTSIDE * far + fee)
     _, rows = np.unique(cells * len(heads) + bone, return_index=True)
-    return np.stack([cells, bone, cost], axis=1)[rows].astype(np.float64)
+    cells, bone, far = cells[rows], bone[rows], far[rows]
+    cost = np.where(grid.inside[cells], far, OUTSIDE * far + fee)
+    order = np.lexsort((bone, cost, cells))
+    cells, bone, cost = cells[order], bone[order], cost[order]
+    column = np.arange(len(cells)) - np.searchsorted(cells, cells)
+    shape = len(grid.inside), min(KEPT, len(heads))
+    ways = Ways(np.full(shape, -1, np.int32), np.full(shape, np.inf), np.full(shape, np.inf))
+    kept = column < shape[1]
+    place = cells[kept], column[kept]
+    ways.bones[place] = bone[kept]
+    ways.costs[place] = ways.lengths[place] = cost[kept]
+    return ways
 
 
 def _distance(points: FloatArray, heads: FloatArray, tails: FloatArray) -> FloatArray:
@@ -331,7 +338,7 @@ def _behind(points: FloatArray, normals: FloatArray, grid: Grid) -> _Around:
 
 
 def _of_vertices(
-    around: _Around, ways: Ways, fee: float
+    around: _Around, ways: Ways, limit: float, fee: float
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return the cheapest bones of each vertex by the cells behind it: bones, costs and lengths."""
     cells = around.cells
@@ -341,7 +348,7 @@ def _of_vertices(
     bones = ways.bones[cells].reshape(shape)
     lengths = (ways.lengths[cells] + length[..., None]).reshape(shape)
     costs = (ways.costs[cells] + (length + toll)[..., None]).reshape(shape)
-    costs = np.where(ways.done[cells].reshape(shape), costs, np.inf)
+    costs = np.where(ways.costs[cells].reshape(shape) <= limit, costs, np.inf)
     rows, found = np.arange(len(cells)), []
     for _ in range(ways.bones.shape[1]):
         best = costs.argmin(axis=1)
