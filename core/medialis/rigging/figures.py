@@ -306,7 +306,11 @@ def with_round_parts(curve: CurveSkeleton) -> CurveSkeleton:
     centers, radii = balls.centers[large], balls.radii[large]
     all_centers = kd_tree(balls.centers)
     points = cloud.surface.points[: len(own)]
-    free = (_apart(centers, curve.nodes) > curve.radii).all(axis=1)
+    away, near = kd_tree(curve.nodes).query(centers)
+    free = away > curve.radii[near]  # most lie in the ball of the nearest node
+    left = np.flatnonzero(free)
+    for held in kd_tree(centers[left]).query_ball_point(curve.nodes, curve.radii):
+        free[left[held]] = False
     for _ in range(MOST_ROUND):
         if not free.any():
             break
