@@ -115,22 +115,25 @@ def _height(points, a, b, c, x, y):
 
 @kernel
 def count_crossings(begin, end, places, points, faces, tree, out):
-    """Faces that the rays up and down from each place leave through, less those entered through.
+    """Faces that rays from each place leave through, less those entered through.
 
-    out (q, 2): both are how often the surface is wound round the place, where it is closed.
+    out (q, 1 or 2): of the ray up, and of that down if wanted. Each is how often the surface is
+    wound round the place, where it is closed: then what lies below need not be looked at.
     """
     order, bounds, depth = tree
     n, leaves = len(faces), 1 << depth
     stack = np.empty(2 * depth + 2, np.int64)
     for q in range(begin, end):
         x, y, z = places[q, 0], places[q, 1], places[q, 2]
+        lowest = z if out.shape[1] == 1 else -np.inf
         up, down = 0, 0
         stack[0], size = 1, 1
         while size > 0:
             size -= 1
             node = stack[size]
-            box = bounds[node]
-            if x < box[0] or x > box[3] or y < box[1] or y > box[4]:
+            if x < bounds[node, 0] or x > bounds[node, 3] or lowest > bounds[node, 5]:
+                continue
+            if y < bounds[node, 1] or y > bounds[node, 4]:
                 continue
             if node < leaves:
                 stack[size], stack[size + 1] = 2 * node, 2 * node + 1
@@ -146,7 +149,9 @@ def count_crossings(begin, end, places, points, faces, tree, out):
                     up += side
                 else:
                     down -= side
-        out[q, 0], out[q, 1] = up, down
+        out[q, 0] = up
+        if out.shape[1] > 1:
+            out[q, 1] = down
 
 
 @kernel

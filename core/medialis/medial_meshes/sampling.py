@@ -150,7 +150,7 @@ class Solid:
 
         def look(axis: int, view: FloatArray, tree: Tree) -> FloatArray:
             turned = np.ascontiguousarray((places @ VIEW)[:, np.roll(np.arange(3), axis)])
-            found = np.empty((len(places), 2))
+            found = np.empty((len(places), 1 if self.whole else 2))
             given = turned, view, self.faces, tree, found
             run_chunks(count_crossings, len(places), PLACES_A_CHUNK, *given)
             return found
