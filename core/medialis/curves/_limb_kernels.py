@@ -36,7 +36,11 @@ def _entries(bound, place, way, reach, out):
 
 @kernel
 def _hit(place, way, corner, least):
-    """Length of a ray up to a triangle, inf where it misses; its sides belong to it."""
+    """Length of a ray up to a triangle, inf where it misses; its sides belong to it.
+
+    It asks once, at the end: which question a triangle fails cannot be foreseen, and a wrong guess
+    of the processor costs more than all of them.
+    """
     e1x, e1y, e1z = (
         corner[1, 0] - corner[0, 0],
         corner[1, 1] - corner[0, 1],
@@ -53,16 +57,14 @@ def _hit(place, way, corner, least):
         way[0] * e2y - way[1] * e2x,
     )
     det = e1x * px + e1y * py + e1z * pz
-    if det == 0.0:
-        return math.inf
+    some = det if det != 0.0 else 1.0
     sx, sy, sz = place[0] - corner[0, 0], place[1] - corner[0, 1], place[2] - corner[0, 2]
-    u = (sx * px + sy * py + sz * pz) / det
+    u = (sx * px + sy * py + sz * pz) / some
     qx, qy, qz = sy * e1z - sz * e1y, sz * e1x - sx * e1z, sx * e1y - sy * e1x
-    v = (way[0] * qx + way[1] * qy + way[2] * qz) / det
-    if u < -1e-9 or v < -1e-9 or u + v > 1.0 + 1e-9:
-        return math.inf
-    length = (e2x * qx + e2y * qy + e2z * qz) / det
-    return length if length > least else math.inf
+    v = (way[0] * qx + way[1] * qy + way[2] * qz) / some
+    length = (e2x * qx + e2y * qy + e2z * qz) / some
+    beside = (u < -1e-9) | (v < -1e-9) | (u + v > 1.0 + 1e-9)
+    return length if (det != 0.0) & (length > least) & (not beside) else math.inf
 
 
 @kernel
