@@ -78,6 +78,16 @@ def test_other_meshes_are_left_as_they_are():
         assert found[2] == 0 and found[0] is given[0] and found[1] is given[1]
 
 
+def test_large_holes_are_closed_where_it_is_wanted():
+    """A torus that is cut in two: half its volume, by two disks whose triangles come last."""
+    points, faces = torus_without([])
+    half = np.ascontiguousarray(faces[points[faces].mean(axis=1)[:, 0] > 0])
+    filled, every, holes = without_holes(points, half, np.inf, 0.4)
+    solid = Solid(filled, every)
+    assert holes == 2 and solid.whole and np.array_equal(every[: len(half)], half)
+    assert volume(solid) == pytest.approx(0.5 * volume(Solid(points, faces)), rel=0.05)
+
+
 @pytest.mark.slow
 def test_closed_holes_are_said_and_the_loop_is_found():
     points, faces = torus_without([3, 400, 700, 900, 1100])

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 
 import medialis
 from medialis.formats.meshes import read_mesh
-from medialis.robots.convex_pieces import Hull, thinned
+from medialis.robots.convex_pieces import Hull
 
 ERROR = 0.04
 
@@ -135,13 +135,43 @@ def test_a_wall_with_a_window_keeps_it():
 
 
 def test_what_is_convex_is_one_piece(monkeypatch):
-    """Its hull: a box took .8 s, nearly all for a medial mesh, of which there is none here."""
-    monkeypatch.delattr("medialis.robots.convex_pieces.medial_mesh")
+    """Its hull: a box took .8 s, nearly all for pieces, of which none grows here."""
+    monkeypatch.delattr("medialis.robots.convex_pieces._few")
     points = np.array([[x, y, z] for x in (0, 3) for y in (0, 2) for z in (0, 1)], float)
     shape = medialis.make_shape(points, Hull.of(points).faces)
     found = medialis.convex_pieces(shape)
     assert len(found) == 1 and found.volume_ratio == pytest.approx(1.0, abs=0.01)
     assert found.pieces_to_surface <= 1e-9 and found.surface_to_pieces <= 1e-9
+
+
+def test_an_open_mesh_is_closed_and_it_is_said():
+    """Half a sphere without its floor: it was 31 pieces that stuck out by ten times the error."""
+    turn = np.linspace(0, 0.5 * np.pi, 9)[:-1]
+    rings = [np.column_stack([circle(np.cos(t), 24), np.full(24, np.sin(t))]) for t in turn]
+    points = np.concatenate([*rings, [[0, 0, 1.0]]])
+    i, faces = np.arange(24), []
+    for k in range(7):
+        a, b = 24 * k + i, 24 * k + (i + 1) % 24
+        faces += [np.stack([a, b, b + 24], 1), np.stack([a, b + 24, a + 24], 1)]
+    faces.append(np.stack([168 + i, 168 + (i + 1) % 24, np.full(24, 192)], 1))
+    shape, progress = medialis.make_shape(points, np.concatenate(faces)), medialis.Progress()
+    found = medialis.convex_pieces(shape, progress=progress)
+    check(found, shape.diagonal, 0.02)
+    assert len(found) == 1 and found.volume_ratio == pytest.approx(1.0, abs=0.02)
+    assert [m.code for m in progress.messages] == ["holes_closed"]
+
+
+@pytest.mark.slow
+def test_a_tube_without_its_upper_ring_keeps_its_hole():
+    """The triangles that close it fill its hole as well: those part nothing, and are no walls."""
+    points, faces = prism((circle(1.0, 24), circle(0.7, 24)), 1.0)
+    open_above = faces[points[faces][:, :, 2].min(axis=1) < 1.0]
+    shape = medialis.make_shape(points, open_above)
+    found = medialis.convex_pieces(shape, error=ERROR)
+    check(found, shape.diagonal)
+    pieces = [found.piece(number)[0] for number in range(len(found))]
+    assert keeps_its_hole(pieces, 0.7, ERROR * shape.diagonal)
+    assert 3 <= len(found) <= 12
 
 
 @pytest.mark.slow
@@ -165,13 +195,61 @@ def test_a_hull_lists_what_no_plane_leaves_outside():
         assert np.array_equal(hull.rows(places, slack), wanted)
 
 
+@pytest.mark.parametrize("kind", ["free", "on a sphere", "on planes", "of a file"])
+def test_a_hull_is_that_of_qhull_whatever_points_it_grows_over(kind):
+    """Its volume, with all points in it, closed, and the same after it grew by some of them."""
+    from scipy.spatial.transform import Rotation
+
+    rng = np.random.default_rng(3)
+    for count in (4, 8, 30, 100):
+        points = rng.normal(size=(count, 3))
+        if kind == "on a sphere":
+            points /= np.linalg.norm(points, axis=1)[:, None]
+        if kind in ("on planes", "of a file"):
+            cube = np.round(3 * rng.random((count, 3)))
+            cube[:4] = [[0, 0, 0], [3, 0, 0], [0, 3, 0], [0, 0, 3]]
+            points = cube @ Rotation.from_rotvec([0.3, 1.1, -0.7]).as_matrix()
+        if kind == "of a file":
+            points = points.astype(np.float32).astype(np.float64)
+        points /= 4
+        wanted = ConvexHull(points).volume
+        for hull in (Hull.of(points), Hull.of(points[: count // 2 + 2]).with_points(points)):
+            assert hull.volume == pytest.approx(wanted, abs=1e-5)
+            assert len(hull.faces) == 2 * len(hull.points) - 4
+            assert len(hull.rows(points, 1.1e-6)) == count
+            assert hull.with_points(points) is hull
+
+
+def test_a_hull_tells_what_it_would_hold_as_if_it_grew():
+    """For places and points one by one, of which some are held."""
+    rng = np.random.default_rng(4)
+    hull = Hull.of(rng.normal(size=(12, 3)))
+    places, points = 2 * rng.normal(size=(40, 1, 3)), 4 * rng.normal(size=(40, 1, 3))
+    held = [[len(hull.with_points(point).rows(place)) > 0 for point in points] for place in places]
+    assert 0.05 < np.mean(held) < 0.95
+    assert held == [[hull.would_hold(place, point) for point in points] for place in places]
+    assert not hull.would_hold(places[:0, 0], points[:, 0])
+
+
+def test_points_in_a_plane_and_at_a_place_have_a_hull():
+    flat = np.random.default_rng(1).random((50, 3)) * [1, 1, 0]
+    assert Hull.of(flat).volume < 1e-3 and Hull.of(np.zeros((5, 3))).volume < 1e-9
+
+
 def test_points_left_out_of_a_hull_lie_near_it():
     points = np.random.default_rng(0).normal(size=(2000, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
-    few = thinned(points, 0.05)
+    few = Hull.of(points, 0.05).points
     planes = Hull.of(few).planes
     out = (points @ planes[:, :3].T + planes[:, 3]).max()
     assert len(few) < 200 and out <= 0.05
+
+
+def test_what_encloses_nothing_is_refused():
+    points = np.array([[x, y, 0.0] for x in (0, 1) for y in (0, 1)])
+    shape = medialis.make_shape(points, [[0, 1, 3], [0, 3, 2]])
+    with pytest.raises(medialis.InvalidShapeError, match="encloses nothing"):
+        medialis.convex_pieces(shape)
 
 
 def test_a_cloud_is_refused():

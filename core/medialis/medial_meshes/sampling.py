@@ -261,16 +261,19 @@ class Solid:
         return int((bounds & ~cavity).sum()), int(handles.sum()), int(cavity.sum())
 
 
-def without_holes(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray, int]:
-    """Close small holes of a mesh of diagonal about 1, if it is closed then; tell how many.
+def without_holes(
+    points: FloatArray, faces: IntArray, largest: float = SMALL_HOLE, most: float = MOST_BORDER
+) -> tuple[FloatArray, IntArray, int]:
+    """Close holes of a mesh of diagonal about 1, if it is closed then; tell how many.
 
-    Each gets a point in its middle and triangles round it. A mesh that is open otherwise, or whose
-    borders are many edges, as where faces share no vertices, is returned as it is.
+    Each gets a point in its middle and triangles round it, which come last. A mesh that is open
+    otherwise, with a hole larger than `largest`, or with more than a share `most` of its half-edges
+    on borders, as where faces share no vertices, is returned as it is.
     """
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
     keys, back = ends @ [len(points), 1], ends[:, ::-1] @ [len(points), 1]
     border = ends[~np.isin(back, keys)]
-    if not 0 < len(border) <= MOST_BORDER * len(ends):
+    if not 0 < len(border) <= most * len(ends):
         return points, faces, 0
     after = dict(border.tolist())
     if len(after) < len(border) or set(after) != set(after.values()):
@@ -284,7 +287,7 @@ def without_holes(points: FloatArray, faces: IntArray) -> tuple[FloatArray, IntA
             ring.append(now)
             now = after.pop(now)
         rim = points[ring]
-        if np.linalg.norm(np.ptp(rim, axis=0)) > SMALL_HOLE:
+        if np.linalg.norm(np.ptp(rim, axis=0)) > largest:
             return points, faces, 0
         middle = len(points) + len(middles)
         middles.append(rim.mean(axis=0))

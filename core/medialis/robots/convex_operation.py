@@ -142,8 +142,8 @@ OPERATION = Operation(
     label="Convex pieces",
     group="Skeleton",
     help="Hold a shape by few convex pieces that leave its holes open, for physics engines.\n\n"
-    "A convex decomposition: the cones and slabs of a medial mesh are merged while the pieces "
-    "stick out of the shape by no more than the error, so that holes, windows and thin walls stay. "
+    "A convex decomposition: groups of small triangles are merged while the pieces stick out of "
+    "the shape by no more than the error, so that holes, windows and thin walls stay. "
     "They come as URDF, MJCF, glTF and OBJ, an object for each piece.",
     options=ConvexPiecesRun,
     run=run,

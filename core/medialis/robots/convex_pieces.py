@@ -1,10 +1,12 @@
 """Convex decomposition: few convex pieces that hold a solid and leave its holes open.
 
-A closed shape whose hull sticks out by no more than the error is one piece. Of others:
+Holes of the surface are closed first. A shape whose hull sticks out by no more than the error is
+one piece. Of others:
 
-1. The surface is cut into small triangles. Each belongs to the cone or slab of a medial mesh that
-   it lies at, and has a foot in it: the hull of the triangles of a slab, and of their feet, holds
-   both sides of a wall. One that sticks out by more than the error is halved, again and again.
+1. The surface is cut into small triangles. Each has a foot, the center of the ball that touches it
+   from within: triangles on both sides of a wall have the same. The group of all is halved where
+   its feet lie farthest apart, again and again, until the hull of a group, and of its feet, sticks
+   out by no more than the error.
 2. A piece grows from one of these groups: neighbours are merged with it, the nearest first, while
    the hull sticks out by no more than the error; of those that do not fit the halves are tried.
    The next piece begins beside what is covered, and takes what is not.
@@ -21,27 +23,35 @@ import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from medialis.base.arrays import Described, Index, Mask, enclosed_volume
 from medialis.base.box_tree import NearestTree
+from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.validation import FloatArray, IntArray, Positions
 from medialis.medial_meshes.distances import pieces_of
-from medialis.medial_meshes.envelope import Envelope
-from medialis.medial_meshes.medial_mesh import MedialMeshOptions, medial_mesh
-from medialis.medial_meshes.mesh import Complex
-from medialis.medial_meshes.sampling import Solid, without_holes
+from medialis.medial_meshes.sampling import BESIDE, Solid, without_holes
 from medialis.shape.shape import Shape
+from medialis.skeleton.medial_cloud import ShrinkOptions, shrink_balls
 
-BALLS = 60
-"""Of the medial mesh whose cones and slabs are merged."""
+if TYPE_CHECKING:
+    from medialis.robots._hull_kernels import Facets
 
 SIDE, FINER = 0.04, 0.25
 """Diagonals: sides of the small triangles; no more than this share of the root of the error, since
 flat hulls in a round hole reach between places by the square of their distance."""
+
+MOST_BORDER = 0.4
+"""Share of the half-edges that lie on borders, up to which holes are closed: a tube of two rings
+has a third, triangles that share no vertices all."""
+
+RIM = 0.005
+"""Diagonals: sides of small triangles that close holes, or the error where that is more: a thin
+ring is not told from what it goes round by coarse ones, and finer ones take time."""
 
 APART = 0.6
 """Sides of small triangles: of several places nearer than that one is looked at."""
@@ -52,12 +62,16 @@ LEVEL = 0.9
 THINNED = 0.25
 """Share of the error by which a hull may miss corners of its triangles, which keeps it small."""
 
-HALVINGS, TRIED_HALVINGS, FEWEST = 10, 2, 16
-"""Of a group that sticks out; of one that does not fit, and small triangles from which on."""
+HALVINGS, TRIED_HALVINGS, FEWEST = 16, 4, 16
+"""Of a group that sticks out; of one that does not fit, and small triangles from which on: those
+that do not fit are halved often, so that borders between pieces are straight."""
 
-AGAIN = 6
+MET = 8
+"""Places that a growing hull met last, which it is likely to meet again."""
+
+AGAIN = 30
 """Times that a piece grows, at most: places where it sticks out farther are looked at from then on,
-and it alone has to keep to a smaller error."""
+and where it begins with such a place, it begins with half."""
 
 LOOSER = 1.4
 """Times the error of before, where there are too many pieces."""
@@ -69,10 +83,22 @@ GRID, ON_HULL = 1.0 / 64, 0.04
 """Diagonals: steps of the grid outside, and sides of parts of hulls, at which is measured at last
 how far they stick out."""
 
+STRIDE = 16
+"""Of places at which is measured, those that are looked at first."""
+
 IN_UNION = 50_000
 """Places at which the volume of all pieces together is estimated."""
 
 ROUNDING = 1e-9
+
+LEAST = 1e-6
+"""Diagonals: hulls leave out places that lie outside of them by no more."""
+
+WAYS = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))[:13]
+"""Hulls begin with the outermost points along these, so that none is left out at a sharp edge."""
+
+MOVED = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
+"""Diagonals by which places are moved where they would have no hull, one after the other."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,7 +166,7 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
     Parameters
     ----------
     shape : Shape
-        A closed mesh of m faces. Small holes are closed, as by `medial_mesh`.
+        A mesh of m faces; holes are closed, each by triangles round its middle.
 
     Returns
     -------
@@ -154,7 +180,7 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
 
     See Also
     --------
-    medial_mesh : whose cones and slabs are merged.
+    shrink_balls : whose centers are the feet.
 
     Notes
     -----
@@ -168,21 +194,27 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
     >>> 1 < len(found) < 10, found.pieces_to_surface < 0.05 * medialis.organic_shape(56).diagonal
     (True, True)
     """
-    cut = None
-    if shape.faces is not None and shape.diagonal > 0.0:
-        middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
-        points, faces, _ = without_holes((shape.points - middle) / scale, shape.faces)
-        cut = _Cut.of(Solid(points, faces), options.error)
-        one = _as_one(cut)
-        if one is not None:
-            return _measured(cut, [one], middle, scale)
-    with progress.stage("medial mesh", 0.0, 0.4):
-        given = MedialMeshOptions(balls=BALLS, quality="fast", denoise="off")
-        mesh = medial_mesh.of(shape, given, progress.still)
-    assert cut is not None  # else a medial mesh is refused
-    with progress.stage("groups", 0.4, 0.5):
-        cut.group(mesh.complex.placed(1.0, -middle).placed(1.0 / scale, np.zeros(3)), progress)
-    with progress.stage("pieces", 0.5, 0.9):
+    if shape.faces is None:
+        raise InvalidShapeError(
+            "Convex pieces need a surface with faces, got a point cloud: reconstruct a surface "
+            "first."
+        )
+    if shape.diagonal == 0.0:
+        raise InvalidShapeError("All points of the shape coincide: it encloses nothing.")
+    middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
+    given = (shape.points - middle) / scale, shape.faces
+    points, faces, holes = without_holes(*given, np.inf, MOST_BORDER)
+    if holes:
+        verb = "was" if holes == 1 else "were"
+        text = f"{counted(holes, 'hole')} of the mesh {verb} closed."
+        progress.note(text, "holes_closed", holes=holes)
+    cut = _Cut.of(Solid(points, faces), len(shape.faces), options.error)
+    one = _as_one(cut)
+    if one is not None:
+        return _measured(cut, [one], middle, scale)
+    with progress.stage("groups", 0.0, 0.4):
+        cut.group(progress)
+    with progress.stage("pieces", 0.4, 0.9):
         hulls = _few(cut, options, progress)
     with progress.stage("measure", 0.9, 1.0):
         return _measured(cut, hulls, middle, scale)
@@ -194,7 +226,7 @@ def _as_one(cut: _Cut) -> Hull | None:
     volume = enclosed_volume(solid.points, solid.faces)
     if not solid.whole or volume < error**3:
         return None
-    hull = Hull.of(thinned(solid.points, THINNED**2 * error))
+    hull = Hull.of(solid.points, THINNED**2 * error)
     if hull.volume > volume + LAYER * error * solid.surface.area:
         return None
     return None if cut.too_far(hull, cut.shell(error)) else hull
@@ -202,51 +234,45 @@ def _as_one(cut: _Cut) -> Hull | None:
 
 @dataclass(frozen=True, eq=False)
 class Hull:
-    """A convex hull: corners (k, 3), and planes (f, 4) of its triangles, outward.
-
-    `vertices` (k,) and `simplices` (f, 3) are rows of the points that it was taken of.
-    """
+    """A convex hull: corners (k, 3), and its triangles."""
 
     points: FloatArray
-    planes: FloatArray
-    simplices: Index
-    vertices: Index
+    facets: Facets
 
     @classmethod
-    def of(cls, points: FloatArray) -> Hull:
-        """Take the hull of four points or more; those in a plane are moved by as good as nothing.
+    def of(cls, points: FloatArray, least: float = LEAST) -> Hull:
+        """Take the hull of points but for those that lie outside of it by no more than `least`.
 
-        What lies in it is told up to rounding.
+        Where rounding would decide, as with points in a plane, they are moved by next to nothing.
         """
-        from scipy.spatial import ConvexHull, QhullError
+        rng, moved = np.random.default_rng(0), points
+        for far in MOVED:
+            along = moved @ WAYS.T
+            first = moved[np.unique([along.argmin(axis=0), along.argmax(axis=0)])]
+            hull = _grown_hull(_grown_hull(None, first, LEAST), moved, least)
+            if hull is not None:
+                return hull
+            moved = points + rng.normal(0.0, far, points.shape)
+        raise AssertionError("points that are moved have a hull")
 
-        try:
-            found = ConvexHull(points)
-        except QhullError:
-            found = ConvexHull(points, qhull_options="QJ")
-        on = np.zeros(len(points), np.bool_)
-        on[found.simplices] = True
-        vertices = on.nonzero()[0]
-        return cls(points[vertices], np.array(found.equations), found.simplices, vertices)
+    def with_points(self, points: FloatArray) -> Hull:
+        """Return the hull that holds points (q, 3) as well, itself where it does."""
+        return _grown_hull(self, points, LEAST) or Hull.of(np.concatenate([self.points, points]))
 
-    @cached_property
-    def triangles(self) -> Index:
-        """Its triangles, turned anyhow."""
-        number = np.zeros(int(self.vertices.max()) + 1, np.int64)
-        number[self.vertices] = np.arange(len(self.vertices))
-        return number[self.simplices]
+    @property
+    def planes(self) -> FloatArray:
+        """Planes (f, 4) of its triangles, outward."""
+        return self.facets.planes
+
+    @property
+    def faces(self) -> Index:
+        """Its triangles, turned outward."""
+        return self.facets.corners
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corner of its box."""
         return self.points.min(axis=0), self.points.max(axis=0)
-
-    @cached_property
-    def faces(self) -> Index:
-        """Its triangles, turned outward."""
-        a, b, c = (self.points[self.triangles[:, k]] for k in range(3))
-        inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), self.planes[:, :3]) < 0
-        return np.where(inward[:, None], self.triangles[:, ::-1], self.triangles)
 
     @property
     def volume(self) -> float:
@@ -256,37 +282,45 @@ class Hull:
     @cached_property
     def places(self) -> FloatArray:
         """Places all over it."""
-        parts = pieces_of(self.points[self.triangles], ON_HULL)
+        parts = pieces_of(self.points[self.faces], ON_HULL)
         sides = 0.5 * (parts + np.roll(parts, 1, axis=1))
         return np.concatenate([parts.mean(axis=1), sides.reshape(-1, 3)])
 
-    def rows(self, places: FloatArray, slack: float = 0.0) -> Index:
-        """Return the rows of places (q, 3) that lie in it, or outside by no more than `slack`."""
+    def would_hold(self, places: FloatArray, points: FloatArray) -> bool:
+        """Tell whether it would hold a place (q, 3) if it grew to one of points (p, 3)."""
+        from medialis.robots._hull_kernels import lies_between
+
+        return bool(lies_between(places, points, self.planes))
+
+    def rows(self, places: FloatArray, slack: float = 0.0, most: int | None = None) -> Index:
+        """Return the rows of places (q, 3) that lie in it, or outside by no more than `slack`.
+
+        With `most` the first ones alone.
+        """
         from medialis.robots._hull_kernels import list_within
 
-        rows = np.empty(len(places), np.int64)
+        rows = np.empty(len(places) if most is None else most, np.int64)
         given = np.ascontiguousarray(places), self.points, self.planes, slack, rows
         return rows[: list_within(*given)]
 
 
-WAYS = np.array(list(itertools.product((-1.0, 0.0, 1.0), repeat=3)))[:13]
+def _grown_hull(begun: Hull | None, points: FloatArray, least: float) -> Hull | None:
+    """Grow a hull over points, itself if it need not; None where rounding would decide."""
+    from medialis.robots._hull_kernels import Facets, grow_hull
 
-
-def thinned(points: FloatArray, most: float) -> FloatArray:
-    """Return some of the points; the others lie outside of their hull by no more than `most`."""
-    corners = Hull.of(points).points
-    along = corners @ WAYS.T
-    chosen = np.zeros(len(corners), np.bool_)
-    chosen[along.argmin(axis=0)] = chosen[along.argmax(axis=0)] = True
-    count = int(chosen.sum())
-    while 4 <= count < len(corners):
-        planes = Hull.of(corners[chosen]).planes
-        out = corners @ planes[:, :3].T + planes[:, 3]
-        chosen[out.argmax(axis=0)[out.max(axis=0) > most]] = True
-        before, count = count, int(chosen.sum())
-        if count == before:
-            return corners[chosen]
-    return corners
+    held = 0 if begun is None else len(begun.points)
+    every = points if begun is None else np.concatenate([begun.points, points])
+    room, rows = 2 * len(every), np.empty(len(every), np.int64)
+    corners, across = np.empty((room, 3), np.int64), np.empty((room, 3), np.int64)
+    facets = Facets(corners, across, np.empty((room, 4)), np.empty(room, np.int64))
+    for new, old in zip(facets, () if begun is None else begun.facets, strict=False):
+        new[: len(old)] = old
+    count = grow_hull(np.ascontiguousarray(every), held, least, facets, rows)
+    if held and count > 0 and rows[count - 1] < held:
+        return begun
+    end = 2 * count - 4
+    used = Facets(corners[:end], across[:end], facets.planes[:end], facets.seen_by[:end])
+    return Hull(every[rows[:count]], used) if count else None
 
 
 @dataclass(eq=False)
@@ -299,9 +333,9 @@ class _Group:
     depth: int = 0
 
     @cached_property
-    def corners(self) -> FloatArray:
-        """Points whose hull holds its triangles and feet, but for a share of the error."""
-        return thinned(self.cut.corners[self.rows].reshape(-1, 3), THINNED * self.cut.error)
+    def hull(self) -> Hull:
+        """The hull of its triangles and feet, but for a share of the error."""
+        return Hull.of(self.cut.corners[self.rows].reshape(-1, 3), THINNED * self.cut.error)
 
     @cached_property
     def middle(self) -> FloatArray:
@@ -311,7 +345,8 @@ class _Group:
     @cached_property
     def halves(self) -> list[_Group]:
         """Both sides of the middle of its longest axis; none where all is at one place."""
-        away = self.cut.middles[self.rows] - self.middle
+        feet = self.cut.corners[self.rows, 3]
+        away = feet - feet.mean(axis=0)
         along = away @ np.linalg.eigh(away.T @ away)[1][:, -1]
         first = along < 0.5 * (along.min() + along.max())
         if first.all() or not first.any():
@@ -325,10 +360,12 @@ class _Cut:
     """A solid of diagonal 1 whose surface is cut into small triangles.
 
     `corners` (t, 4, 3) has the triangles, each with its foot, which is its middle before
-    `group`; `middles` (t, 3), `normals` (t, 3). `shells` are those that were asked for.
+    `group`; `middles` (t, 3), `normals` (t, 3). `walls` are the triangles before they were cut, but
+    for those of closed holes. `shells` are those that were asked for.
     """
 
     solid: Solid
+    walls: NearestTree
     error: float
     corners: FloatArray
     middles: FloatArray
@@ -338,34 +375,43 @@ class _Cut:
     shells: dict[float, FloatArray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, solid: Solid, error: float) -> _Cut:
-        """Cut the surface; the feet of triangles are their middles, and there are no groups."""
-        side = min(SIDE, FINER * error**0.5)
-        triangles = pieces_of(solid.points[solid.faces[solid.walls]], side)
-        middles = triangles.mean(axis=1)
-        sides = triangles[:, 1:] - triangles[:, :1]
-        normals = np.cross(sides[:, 0], sides[:, 1])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
-        corners = np.concatenate([triangles, middles[:, None]], axis=1)
-        return cls(solid, error, corners, middles, normals, [], [])
+    def of(cls, solid: Solid, given: int, error: float) -> _Cut:
+        """Cut the surface; the feet of triangles are their middles, and there are no groups.
 
-    def group(self, mesh: Complex, progress: Progress) -> None:
+        Faces from row `given` on close holes. Where a hole is a ring they fill what it goes round
+        as well, twice: of their small triangles those count that have the inside beneath alone.
+        """
+        side = min(SIDE, FINER * error**0.5)
+        walls = solid.points[solid.faces[:given][solid.walls[:given]]]
+        triangles = pieces_of(walls, side)
+        if given < len(solid.faces):
+            closing = pieces_of(solid.points[solid.faces[given:]], min(side, max(error, RIM)))
+            middles, beside = closing.mean(axis=1), BESIDE * _normals(closing)
+            parting = solid.contains(middles - beside) & ~solid.contains(middles + beside)
+            closing = closing[parting]
+            walls, triangles = (np.concatenate([some, closing]) for some in (walls, triangles))
+        middles, normals = triangles.mean(axis=1), _normals(triangles)
+        corners = np.concatenate([triangles, middles[:, None]], axis=1)
+        rows = np.arange(3 * len(walls), dtype=np.int32).reshape(-1, 3)
+        tree = NearestTree.of_triangles(walls.reshape(-1, 3), rows)
+        return cls(solid, tree, error, corners, middles, normals, [], [])
+
+    def group(self, progress: Progress) -> None:
         """Take feet, and groups whose hulls stick out by no more than the error."""
-        envelope = Envelope.of(mesh)
-        _, primitive, shares = envelope.distances(self.middles)
-        balls = envelope.balls[np.maximum(envelope.rows[primitive], 0), :3]
-        feet = np.einsum("qk,qkd->qd", shares, balls)
-        outside = ~self.solid.contains(feet)
-        feet[outside] = (self.middles - THINNED * self.error * self.normals)[outside]
+        cloud = Shape(self.middles, self.normals)
+        radii = shrink_balls.of(cloud, ShrinkOptions(), progress.still).radii
+        feet = self.middles - np.nan_to_num(radii, posinf=0.0)[:, None] * self.normals
+        beside = ~self.solid.contains(feet)
+        feet[beside] = (self.middles - THINNED * self.error * self.normals)[beside]
+        if beside.all() and not self.solid.contains(feet).any():
+            raise InvalidShapeError("Nothing of the shape is inside it: it encloses nothing.")
         self.corners[:, 3] = feet
-        order = np.argsort(primitive, kind="stable")
-        starts = np.flatnonzero(np.diff(primitive[order], prepend=-1))
-        waiting = [_Group(self, rows) for rows in np.split(order, starts[1:])]
+        waiting = [_Group(self, np.arange(len(feet)))]
         shell = self.shell(self.error)
         while waiting:
             group = waiting.pop()
             halved = group.depth < HALVINGS and group.halves
-            if halved and self.too_far(Hull.of(group.corners), shell):
+            if halved and len(group.hull.rows(shell, most=1)):
                 waiting += group.halves
                 continue
             self.groups.append(_Group(self, group.rows, len(self.groups)))
@@ -386,28 +432,46 @@ class _Cut:
         cells = np.floor(places / (APART * min(SIDE, FINER * self.error**0.5))).astype(np.int64)
         keys = (cells - cells.min(axis=0)) @ np.array([1 << 40, 1 << 20, 1])
         places = places[np.unique(keys, return_index=True)[1]]
-        places = places[self.solid.wall_tree.distances(places)[0] > far * (1.0 - 1e-3)]
-        grid, away = self.grid
+        places = places[self.walls.distances(places)[0] > far * (1.0 - 1e-3)]
+        grid, least = self.grid
+        grid = grid[least < error + 2.0 * GRID]
+        away = self.walls.distances(grid)[0]
         return np.concatenate([places, grid[(away > error) & (away < error + 2.0 * GRID)]])
 
     @cached_property
     def grid(self) -> tuple[FloatArray, FloatArray]:
-        """Places of a grid outside of the solid, and how far away they are."""
+        """Places of a grid outside of the solid, and how far away they are, at least."""
+        from scipy.ndimage import distance_transform_edt
+
         low, high = self.solid.points.min(axis=0), self.solid.points.max(axis=0)
         steps = [np.arange(a + 0.5 * GRID, b, GRID) for a, b in zip(low, high, strict=True)]
         grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
-        grid = grid[~self.solid.contains(grid)]
-        return grid, self.solid.wall_tree.distances(grid)[0]
+        size = np.array([max(len(axis), 1) for axis in steps])
+        cells = ((self.corners[:, :3].reshape(-1, 3) - low) / GRID).astype(np.int64)
+        free = np.ones(size, bool)
+        free[tuple(np.minimum(cells, size - 1).T)] = False
+        # A wall is no farther from a corner of its small triangles, and that from its cell's place.
+        least = distance_transform_edt(free, GRID).ravel() - (SIDE / 3**0.5 + 3**0.5 * GRID)
+        least = least[: len(grid)]
+        outside = ~self.solid.contains(grid)
+        return grid[outside], least[outside]
 
     def too_far(self, hull: Hull, shell: FloatArray) -> bool:
         """Tell whether a hull sticks out by more than the error."""
-        return bool(len(hull.rows(shell)) or len(self.beyond(hull, self.error)))
+        return bool(len(hull.rows(shell, most=1)) or len(self.beyond(hull, self.error)))
 
     def beyond(self, hull: Hull, error: float) -> FloatArray:
         """Return places of a hull that stick out by more than an error."""
         places = hull.places
-        places = places[self.solid.wall_tree.distances(places)[0] > error]
+        places = places[self.walls.distances(places, enough=error)[0] > error]
         return places[~self.solid.contains(places)]
+
+
+def _normals(triangles: FloatArray) -> FloatArray:
+    """Return the unit normals of triangles, 0 where they have no area."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
 
 
 def _neighbours(cut: _Cut) -> list[set[int]]:
@@ -440,7 +504,7 @@ def _few(cut: _Cut, options: ConvexPiecesOptions, progress: Progress) -> list[Hu
             break
         error *= LOOSER if options.pieces > 1 else np.inf
     else:
-        hulls = [Hull.of(thinned(cut.corners.reshape(-1, 3), THINNED * cut.error))]
+        hulls = [Hull.of(cut.corners.reshape(-1, 3), THINNED * cut.error)]
     if error > options.error:
         text = (
             f"More than {counted(options.pieces, 'piece')} would be needed for an error of "
@@ -456,19 +520,20 @@ def _grown(cut: _Cut, error: float) -> Iterator[tuple[Hull, float]]:
     everything = cut.corners.reshape(-1, 3)
     while not covered.all():
         start = _start(cut, covered)
-        left = start.rows[~covered[start.rows]]
-        for count in range(AGAIN):
-            nearer = [cut.shell(LEVEL**count * error)] if count else []
-            looked_at = np.concatenate([shell, *nearer])
-            hull = _piece(cut, _Group(cut, left, start.leaf), covered, looked_at)
+        group = _Group(cut, start.rows[~covered[start.rows]], start.leaf)
+        for _ in range(AGAIN):
+            grown = _piece(cut, group, covered, shell)
+            hull = Hull.of(grown.points, THINNED**2 * error)  # about half its corners
             beyond = cut.beyond(hull, error)
             if not len(beyond):
                 break
             shell = np.concatenate([shell, beyond])
+            if group.halves and len(group.hull.rows(beyond, ROUNDING, 1)):
+                group = group.halves[0]
         inside = np.zeros(len(everything), bool)
         inside[hull.rows(everything, THINNED * error)] = True
         covered |= inside.reshape(-1, 4).all(axis=1)
-        covered[left] = True
+        covered[group.rows] = True
         yield hull, float(covered.mean())
 
 
@@ -483,7 +548,7 @@ def _start(cut: _Cut, covered: Mask) -> _Group:
 
 def _piece(cut: _Cut, start: _Group, covered: Mask, shell: FloatArray) -> Hull:
     """Let a hull grow from a group over those that are not covered, the nearest first."""
-    hull, count = Hull.of(start.corners), itertools.count()
+    hull, count, met = start.hull, itertools.count(), shell[:0]
     waiting: list[tuple[float, int, _Group]] = []
     seen: set[int] = set()
 
@@ -501,16 +566,18 @@ def _piece(cut: _Cut, start: _Group, covered: Mask, shell: FloatArray) -> Hull:
     while waiting:
         group = heapq.heappop(waiting)[2]
         done = covered[group.rows]
-        if done.all() or len(hull.rows(group.corners, ROUNDING)) == len(group.corners):
+        finer = group.depth < TRIED_HALVINGS and len(group.rows) >= FEWEST
+        if done.all():
             wait_round(group.leaf)
             continue
-        finer = group.depth < TRIED_HALVINGS and len(group.rows) >= FEWEST
-        if not (finer and done.any()):
-            larger = Hull.of(np.concatenate([hull.points, group.corners]))
-            if not len(larger.rows(shell)):
+        if not (finer and done.any()) and not hull.would_hold(met, group.hull.points):
+            larger = hull.with_points(group.hull.points)
+            hit = shell[larger.rows(shell, ROUNDING, 1)] if larger is not hull else shell[:0]
+            if not len(hit):
                 hull = larger
                 wait_round(group.leaf)
                 continue
+            met = np.concatenate([hit, met[: MET - 1]])
         for half in group.halves if finer else ():
             wait(half)
     return hull
@@ -542,11 +609,14 @@ def _measured(cut: _Cut, hulls: list[Hull], middle: FloatArray, scale: float) ->
 
 def _sticking_out(cut: _Cut, hulls: list[Hull]) -> float:
     """Return how far hulls stick out of the solid at places on them, and of a grid in them."""
-    grid, away = cut.grid
+    grid = cut.grid[0]
     inside = np.unique(np.concatenate([hull.rows(grid) for hull in hulls]))
     places = np.concatenate([hull.places for hull in hulls])
-    on_hulls = cut.solid.wall_tree.distances(places[~cut.solid.contains(places)])[0]
-    return float(max(away[inside].max(initial=0.0), on_hulls.max(initial=0.0)))
+    places = np.concatenate([places[~cut.solid.contains(places)], grid[inside]])
+    far = 0.0
+    for some in (places[::STRIDE], places):  # most are nearer than the farthest of some
+        far = max(far, cut.walls.distances(some, enough=far)[0].max(initial=0.0))
+    return float(far)
 
 
 def _volume(hulls: list[Hull]) -> float:
