@@ -531,7 +531,7 @@ def _room(x, y, z, r, margin, hung, stack):
                 hull, f, fr = hulls[slot // BLOCK], slot % BLOCK, np.float32(r)
                 if _is_near(hull, f, fx, fy, fz, fx, fy, fz, fr, slack, slack):
                     a, b, c = corners[slot, 0], corners[slot, 1], corners[slot, 2]
-                    apart = nearest_place(x, y, z, points[a], points[b], points[c])[2]
+                    apart = nearest_place(x, y, z, points, a, b, c)[2]
                     r = min(r, math.sqrt(apart))
     return r
 

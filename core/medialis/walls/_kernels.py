@@ -172,10 +172,11 @@ def try_corners(patch, other, swapped, search):
                 away += step * step
             if math.sqrt(away) > (best[0] * (1.0 + search.equal) + spheres[f, 3]) * (1.0 + 1e-9):
                 continue
-            a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
-            s, t, _ = nearest_place(corner[0], corner[1], corner[2], a, b, c)
+            a, b, c = faces[f, 0], faces[f, 1], faces[f, 2]
+            s, t, _ = nearest_place(corner[0], corner[1], corner[2], vertices, a, b, c)
             for part in range(6):
-                foot[part] = (1.0 - s - t) * a[part] + s * b[part] + t * c[part]
+                place = (1.0 - s - t) * vertices[a, part] + s * vertices[b, part]
+                foot[part] = place + t * vertices[c, part]
             _offer(first, second, search)
 
 
