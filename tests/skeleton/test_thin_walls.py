@@ -12,6 +12,7 @@ from medialis.base.threads import thread_limit
 from medialis.skeleton.medial_cloud import (
     DEFAULT_TOLERANCE,
     THINNEST,
+    _nearest,
     hidden_walls,
     shrink,
     touches_from_outside,
@@ -21,6 +22,15 @@ from oracles import winding_numbers
 
 FIELDS = ("centers", "radii", "features", "status", "spoke_angles")
 ROTATION = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
+
+
+def test_the_nearest_samples_of_a_few_are_those_that_a_tree_finds():
+    shape = medialis.organic_shape(56)
+    rows = np.array([0, 17, shape.point_count - 1], np.int32)
+    near = _nearest(shape, rows, 32)
+    expected = shape.tree.query(shape.points[rows], k=32)[1]
+    assert (np.sort(near, axis=1) == np.sort(expected, axis=1)).all()
+    assert (near[:, 0] == rows).all()
 
 
 def sparse_plate(wall, edge=0.05):
