@@ -116,15 +116,6 @@ class Balls(Bound):
             selection = selection.astype(selection.dtype if selection.dtype == bool else np.int64)
         return replace(self, **{name: getattr(self, name)[selection] for name in COLUMNS})
 
-    def with_rows(self, rows: NDArray[Any], **columns: Any) -> Self:
-        """Return these balls with other values of some columns in some rows: arrays, or one."""
-        if len(rows) == 0:
-            return self
-        changed = {name: np.array(getattr(self, name)) for name in columns}
-        for name, values in columns.items():
-            changed[name][rows] = values
-        return replace(self, **changed)
-
 
 COLUMNS = tuple(f.name for f in fields(Balls))
 
@@ -234,6 +225,21 @@ class MedialCloud(Balls):
         features = np.where(self.valid[:, None], self.features, -1)
         touching = Ragged.group(features.ravel(), self.surface.point_count)
         return Ragged(touching.offsets, touching.indices // 2)
+
+
+def overwritten(cloud: MedialCloud, rows: NDArray[Any], **columns: Any) -> MedialCloud:
+    """Return a cloud with other values of some columns in some rows: arrays, or one.
+
+    The cloud given must be one that was just made and that nobody else has: its arrays are written
+    to, since copies of them all would take longer than what is written.
+    """
+    if len(rows) == 0:
+        return cloud
+    changed = {name: getattr(cloud, name) for name in columns}
+    for name, values in columns.items():
+        changed[name].flags.writeable = True
+        changed[name][rows] = values
+    return replace(cloud, **changed)
 
 
 LARGEST_INSIDE = 0.5  # halved 0 %, doubled 0 %

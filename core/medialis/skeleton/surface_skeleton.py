@@ -43,6 +43,7 @@ from medialis.skeleton.medial_cloud import (
     ShrinkOptions,
     hidden_walls,
     note_outcome,
+    overwritten,
     sample_tree,
     shrink,
     shrink_options,
@@ -209,7 +210,7 @@ def maximal_balls(
 def _with_lower_tolerance(
     cloud: MedialCloud, tree: BoxTree, walls: Walls | None, options: BallOptions, progress: Progress
 ) -> MedialCloud:
-    """Give the balls that the tolerance lets through a wall a lower one."""
+    """Give the balls that the tolerance lets through a wall a lower one: `overwritten`."""
     shape, tolerance = cloud.surface, options.tolerance
 
     def went_through(balls: MedialCloud) -> Mask:
@@ -239,7 +240,7 @@ def _with_lower_tolerance(
         hidden, exact = hidden[~seen], exact.subset(~seen)
     if count:
         columns = {n: np.concatenate([getattr(one, n) for one in cured]) for n in COLUMNS}
-        cloud = cloud.with_rows(np.concatenate(rows), **columns)
+        cloud = overwritten(cloud, np.concatenate(rows), **columns)
         of = shape.point_count
         text = (
             f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} where the shape is finer "

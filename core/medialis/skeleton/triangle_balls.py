@@ -22,7 +22,13 @@ from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.creases import STEEPER, Creases
 from medialis.shape.shape import Shape
-from medialis.skeleton.medial_cloud import SAMPLES_A_CHUNK, BallStatus, MedialCloud, shrink_options
+from medialis.skeleton.medial_cloud import (
+    SAMPLES_A_CHUNK,
+    BallStatus,
+    MedialCloud,
+    overwritten,
+    shrink_options,
+)
 
 if TYPE_CHECKING:
     from medialis.base._box_tree_kernels import BoxTree, Leaves
@@ -136,7 +142,7 @@ class Walls:
         Parameters
         ----------
         cloud : MedialCloud
-            k balls of this shape.
+            k balls of this shape that were just made: they are `overwritten`.
         tolerance : float
             Fraction of the diagonal.
         progress : Progress
@@ -266,7 +272,7 @@ def _touching_faces(
     angles = angles_between(directions, contact - centers)
     del own, contact
     touching = {"contact_faces": faces, "contact_weights": weights}
-    return cloud.with_rows(rows, **balls, spoke_angles=angles, **touching)
+    return overwritten(cloud, rows, **balls, spoke_angles=angles, **touching)
 
 
 def angles_between(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -328,7 +334,7 @@ def with_edge_balls(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     A ball tangent at such a sample cuts a face whatever its normal: its radius is 0. The ball whose
     center lies the tolerance deep, on the line of the mean normal, touches the faces next to the
     sample instead: the end of the sheet that comes out of the crease. Both of its feature points
-    are the sample; its spoke angle is that of the crease.
+    are the sample; its spoke angle is that of the crease. The cloud given is `overwritten`.
     """
     surface, creases = cloud.surface, walls.creases
     cut_rows = np.zeros(len(cloud), np.bool_)
@@ -352,7 +358,7 @@ def with_edge_balls(cloud: MedialCloud, walls: Walls, tolerance: float) -> Media
     features, angles = np.stack([source, source], axis=1), 2.0 * np.arccos(lowest[source])
     balls = {"centers": centers, "radii": radii, "features": features, "spoke_angles": angles}
     on_none = {"status": BallStatus.OK, "contact_faces": -1, "contact_weights": 0.0}
-    return cloud.with_rows(rows, **balls, **on_none)
+    return overwritten(cloud, rows, **balls, **on_none)
 
 
 def between_samples(cloud: MedialCloud, walls: Walls, tolerance: float) -> MedialCloud:
