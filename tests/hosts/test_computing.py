@@ -191,6 +191,29 @@ def test_it_is_gone_when_its_host_is_killed(tmp_path, moment):
     assert not list(tmp_path.iterdir())
 
 
+SLOW = """
+import os, sys, time
+from multiprocessing import Pipe
+from medialis.hosts import computing_child as child
+clear_up = child.clear_up
+child.clear_up = lambda: (time.sleep(0.5), clear_up())
+os.chdir(sys.argv[1])
+here, there = Pipe()
+here.close()
+child.Host(there).tell("ready")
+"""
+
+
+def test_words_to_a_host_that_is_gone_do_not_end_what_clears_up(tmp_path):
+    """The process ended by the error of its word while another thread was at it."""
+    folder = tmp_path / "medialis-run"
+    folder.mkdir()
+    (folder / "medialis-1.arrays").touch()
+    done = subprocess.run([sys.executable, "-c", SLOW, str(folder)], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (1, "")
+    assert not folder.exists()
+
+
 def is_running(process):
     """Tell whether a process is there; one that has ended may wait for someone to ask how."""
     asked = ["ps", "-o", "stat=", "-p", str(process)]

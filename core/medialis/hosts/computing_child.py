@@ -164,7 +164,7 @@ class Host:
         self._orders: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._cancelled = threading.Event()
         self._told, self._reached = 0.0, 0.0
-        self._sending = threading.Lock()
+        self._sending, self._leaving = threading.Lock(), threading.Lock()
         self._working = threading.Event()
         for work in (self._listen, self._watch_compiling):
             threading.Thread(target=work, daemon=True).start()
@@ -187,7 +187,19 @@ class Host:
     def tell(self, *words: Any) -> None:
         """Say something to the host."""
         with self._sending:
-            self._pipe.send(words)
+            try:
+                self._pipe.send(words)
+            except OSError:
+                self._leave()
+
+    def _leave(self) -> None:
+        """End the process, whatever it is doing: the host is gone without a word.
+
+        Both threads come to know. The first one clears up; the other must not end it meanwhile.
+        """
+        with self._leaving:
+            clear_up()
+            os._exit(1)
 
     def progress(self, fraction: float, text: str) -> bool:
         """Tell how far it is; False when it shall stop."""
@@ -223,9 +235,8 @@ class Host:
         while True:
             try:
                 order = self._pipe.recv()
-            except (EOFError, OSError):  # the host is gone without a word
-                clear_up()
-                os._exit(1)
+            except (EOFError, OSError):
+                self._leave()
             if order[0] == "end":
                 os._exit(0)
             if order[0] == "cancel":
