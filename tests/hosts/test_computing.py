@@ -214,6 +214,31 @@ def test_words_to_a_host_that_is_gone_do_not_end_what_clears_up(tmp_path):
     assert not folder.exists()
 
 
+ENDED = """
+import os, sys, time
+from multiprocessing import Pipe
+from medialis.hosts import computing_child as child
+listen = child.Host._listen
+child.Host._listen = lambda self: (time.sleep(0.5), listen(self))
+os.chdir(sys.argv[1])
+here, there = Pipe()
+here.send(("end",))
+here.close()
+child.Host(there).tell("progress", 0.5, "")
+"""
+
+
+def test_what_a_host_that_ends_it_has_is_left_alone(tmp_path):
+    """Its pipe is closed before the process has read that it shall end; the host goes on."""
+    folder = tmp_path / "medialis-run"
+    folder.mkdir()
+    (folder / "medialis-1.arrays").touch()
+    command = [sys.executable, "-c", ENDED, str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert list(folder.iterdir()) == [folder / "medialis-1.arrays"]
+
+
 def is_running(process):
     """Tell whether a process is there; one that has ended may wait for someone to ask how."""
     asked = ["ps", "-o", "stat=", "-p", str(process)]

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Index, Ragged, kd_tree
+from medialis.base.arrays import Index, Ragged, extent, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
 from medialis.base.options import Options, algorithm, angle, flag, whole
@@ -239,7 +239,7 @@ def classified_places(
     returned for points that all coincide. Where they are denser than they scatter, no
     neighbourhood of theirs is flat: some are chosen that are far enough apart.
     """
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = extent(points)
     size = math.hypot(*(high - low))
     if size == 0.0:
         nowhere = np.zeros(len(points), np.int64)

@@ -164,7 +164,7 @@ class Host:
         self._orders: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._cancelled = threading.Event()
         self._told, self._reached = 0.0, 0.0
-        self._sending, self._leaving = threading.Lock(), threading.Lock()
+        self._sending = threading.Lock()
         self._working = threading.Event()
         for work in (self._listen, self._watch_compiling):
             threading.Thread(target=work, daemon=True).start()
@@ -189,17 +189,8 @@ class Host:
         with self._sending:
             try:
                 self._pipe.send(words)
-            except OSError:
-                self._leave()
-
-    def _leave(self) -> None:
-        """End the process, whatever it is doing: the host is gone without a word.
-
-        Both threads come to know. The first one clears up; the other must not end it meanwhile.
-        """
-        with self._leaving:
-            clear_up()
-            os._exit(1)
+            except OSError:  # `_listen` hears whether the host is gone or said "end", and ends us
+                threading.Event().wait()
 
     def progress(self, fraction: float, text: str) -> bool:
         """Tell how far it is; False when it shall stop."""
@@ -235,8 +226,9 @@ class Host:
         while True:
             try:
                 order = self._pipe.recv()
-            except (EOFError, OSError):
-                self._leave()
+            except (EOFError, OSError):  # the host is gone without a word
+                clear_up()
+                os._exit(1)
             if order[0] == "end":
                 os._exit(0)
             if order[0] == "cancel":

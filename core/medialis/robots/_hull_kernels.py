@@ -152,16 +152,6 @@ def _set_facet(points, facets, facet, a, b, c):
 
 
 @kernel
-def _farthest(points, away):
-    """Return the row whose value is largest, the first of several."""
-    best = 0
-    for row in range(1, len(points)):
-        if away[row] > away[best]:
-            best = row
-    return best
-
-
-@kernel
 def _begin(points, facets):
     """Write the four facets of a tetrahedron that is as thick as may be; tell whether it is."""
     away, row = np.zeros(len(points)), np.zeros(4, np.int64)
@@ -178,12 +168,12 @@ def _begin(points, facets):
         off = points[i] - a
         share = (off * along).sum()
         away[i] = ((off - share * along) ** 2).sum()
-    row[2] = _farthest(points, away)
+    row[2] = away.argmax()
     if math.sqrt(away[row[2]]) < FLAT or not _set_facet(points, facets, 0, row[0], row[1], row[2]):
         return False
     for i in range(len(points)):
         away[i] = abs(_height(facets, 0, points, i))
-    row[3] = _farthest(points, away)
+    row[3] = away.argmax()
     if away[row[3]] < FLAT:
         return False
     if _height(facets, 0, points, row[3]) > 0.0:

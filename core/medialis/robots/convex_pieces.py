@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from medialis.base.arrays import Described, Index, Mask, enclosed_volume
+from medialis.base.arrays import Described, Index, Mask, enclosed_volume, extent, unit_rows
 from medialis.base.box_tree import NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length, whole
@@ -272,7 +272,7 @@ class Hull:
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Low and high corner of its box."""
-        return self.points.min(axis=0), self.points.max(axis=0)
+        return extent(self.points)
 
     @property
     def volume(self) -> float:
@@ -443,7 +443,7 @@ class _Cut:
         """Places of a grid outside of the solid, and how far away they are, at least."""
         from scipy.ndimage import distance_transform_edt
 
-        low, high = self.solid.points.min(axis=0), self.solid.points.max(axis=0)
+        low, high = extent(self.solid.points)
         steps = [np.arange(a + 0.5 * GRID, b, GRID) for a, b in zip(low, high, strict=True)]
         grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1).reshape(-1, 3)
         size = np.array([max(len(axis), 1) for axis in steps])
@@ -470,8 +470,7 @@ class _Cut:
 def _normals(triangles: FloatArray) -> FloatArray:
     """Return the unit normals of triangles, 0 where they have no area."""
     sides = triangles[:, 1:] - triangles[:, :1]
-    normals = np.cross(sides[:, 0], sides[:, 1])
-    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None])
+    return unit_rows(np.cross(sides[:, 0], sides[:, 1]))
 
 
 def _neighbours(cut: _Cut) -> list[set[int]]:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, Index, Mask, kd_tree
+from medialis.base.arrays import Described, Index, Mask, extent, kd_tree
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, flag, length, whole
@@ -182,7 +182,7 @@ def mean_shift(points: ArrayLike, options: MeanShiftOptions, progress: Progress)
     """
     cloud = as_points(points)
     seeds = cloud if options.seeds is None else as_points(options.seeds, "seeds")
-    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    low, high = extent(cloud)
     # Where all points coincide any radius does.
     return shift_seeds(cloud, seeds, math.hypot(*(high - low)) or 1.0, options, progress)
 
@@ -199,7 +199,8 @@ def shift_seeds(
 
     radius, merge = options.search_radius * diagonal, options.merge * diagonal
     # Lengths in search radii, so that squares of tiny and huge ones stay in range.
-    origin = 0.5 * points.min(axis=0) + 0.5 * points.max(axis=0)
+    low, high = extent(points)
+    origin = 0.5 * low + 0.5 * high
     places, starts = (points - origin) / radius, (seeds - origin) / radius
     scaled = SIGMA if options.kernel == "gaussian" else 0.0
     with progress.stage("shift", 0.0, 0.5):
@@ -223,8 +224,8 @@ def _grid(points: FloatArray, sigma: float) -> tuple[Grid, Index]:
     """Sort points into a grid; returns their order as well. Lengths are in search radii."""
     from medialis.segments._kernels import Grid
 
-    low, extent = points.min(axis=0), np.ptp(points, axis=0)
-    width = max(CELL, float(extent.max()) / MOST_CELLS)
+    low, high = extent(points)
+    width = max(CELL, float((high - low).max()) / MOST_CELLS)
     cell = np.floor((points - low) / width).astype(np.int64)
     shape = cell.max(axis=0) + 1
     key = np.ravel_multi_index(tuple(cell.T), tuple(shape))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._box_tree_kernels import LEAF, lowest_bit, test_children
+from medialis.base._box_tree_kernels import LEAF, is_certain, lowest_bit, test_children
 from medialis.base._kernels import find_root, join
 from medialis.base.jit import kernel
 from medialis.skeleton.importance._walk_kernels import distance
@@ -226,17 +226,6 @@ def _put_first(found, count, sample, place):
 
 
 @kernel
-def _holds_many(known, x, y, z, reach):
-    """Tell whether a ball holds one of those that are known to have too many samples."""
-    held = 0
-    for j in range(KNOWN):
-        dx, dy, dz = x - known[0, j], y - known[1, j], z - known[2, j]
-        room = reach - known[3, j]
-        held += (room >= 0.0) & (dx * dx + dy * dy + dz * dz <= room * room)
-    return held > 0
-
-
-@kernel
 def find_sets(begin, end, rows, balls, normals, tree, graph, out):
     """Feature sets of the balls rows[begin:end]: samples and clusters, one after the other.
 
@@ -257,7 +246,7 @@ def find_sets(begin, end, rows, balls, normals, tree, graph, out):
         row = rows[turn]
         x, y, z = centers[row, 0], centers[row, 1], centers[row, 2]
         count = MOST_SAMPLES + 1
-        if not _holds_many(known, x, y, z, reach[row]):
+        if not is_certain(known, x, y, z, reach[row]):
             count = _find_in_ball(x, y, z, reach[row], margin, tree, stack, found)
             less = reach[row] - 0.5 * gaps[row]
             if count > MOST_SAMPLES < _find_in_ball(x, y, z, less, margin, tree, stack, found):

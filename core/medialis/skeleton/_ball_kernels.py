@@ -52,7 +52,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base._box_tree_kernels import LEAF, lowest_bit, test_children
+from medialis.base._box_tree_kernels import LEAF, is_certain, lowest_bit, test_children
 from medialis.base.jit import kernel
 from medialis.skeleton.importance._walk_kernels import distance
 
@@ -117,17 +117,6 @@ def _scan_leaf(block, px, py, pz, nx, ny, nz, r, a, near2):
                 r = (num - a * a) / (den - 2.0 * a)
                 slot = j
     return r, slot
-
-
-@kernel
-def _is_certain(known, cx, cy, cz, rest):
-    """Tell whether a certificate shows that no sample lies too deep: |c - c0| + a - r0 <= rest."""
-    certain = 0
-    for j in range(KNOWN):
-        dx, dy, dz = cx - known[0, j], cy - known[1, j], cz - known[2, j]
-        room = rest - known[3, j]
-        certain += (room >= 0.0) & (dx * dx + dy * dy + dz * dz <= room * room)
-    return certain > 0
 
 
 @kernel
@@ -198,7 +187,8 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
             if slot >= 0:
                 feature = leaf * LEAF + slot
         cx, cy, cz = px - r * nx, py - r * ny, pz - r * nz
-        if not _is_certain(known, cx, cy, cz, tolerance - r):
+        # No sample lies too deep where |c - c0| + a - r0 <= tolerance - r.
+        if not is_certain(known, cx, cy, cz, tolerance - r):
             stack[0] = 0
             reach = max(r - a + margin, 0.0)
             hits[0] = test_children(bounds[0], cx, cy, cz, reach)

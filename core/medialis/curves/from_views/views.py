@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, Mask
+from medialis.base.arrays import Described, Mask, extent
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, number
 from medialis.base.progress import Progress
@@ -163,7 +163,8 @@ CameraPair = tuple[OrthographicCamera, OrthographicCamera]
 
 def sphere_of(points: FloatArray) -> tuple[FloatArray, float]:
     """Return a center and a radius that hold all points: the middle of their bounding box."""
-    center = points.min(axis=0) / 2 + points.max(axis=0) / 2
+    low, high = extent(points)
+    center = low / 2 + high / 2
     return center, float(np.sqrt(((points - center) ** 2).sum(axis=1).max()))
 
 
