@@ -84,7 +84,8 @@ def list_within(places, corners, planes, slack, out_rows):
 def lies_between(places, points, planes):
     """Tell whether a place (q, 3) lies between a point (p, 3) and a hull of planes (f, 4).
 
-    It does where the line from the point goes on into the hull, or ends in it.
+    It does where the line from the point goes on into the hull, or ends in it. That place changes
+    places with those before it, so that it is the first.
     """
     for i in range(len(places)):
         for j in range(len(points)):
@@ -103,6 +104,11 @@ def lies_between(places, points, planes):
                 if least > most:
                     break
             if least <= most:
+                for k in range(3):
+                    place = places[i, k]
+                    for before in range(i, 0, -1):
+                        places[before, k] = places[before - 1, k]
+                    places[0, k] = place
                 return True
     return False
 

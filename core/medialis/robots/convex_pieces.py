@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -247,8 +248,8 @@ class Hull:
         """
         rng, moved = np.random.default_rng(0), points
         for far in MOVED:
-            along = moved @ WAYS.T
-            first = moved[np.unique([along.argmin(axis=0), along.argmax(axis=0)])]
+            along = WAYS @ moved.T
+            first = moved[np.unique([along.argmin(axis=1), along.argmax(axis=1)])]
             hull = _grown_hull(_grown_hull(None, first, LEAST), moved, least)
             if hull is not None:
                 return hull
@@ -287,7 +288,10 @@ class Hull:
         return np.concatenate([parts.mean(axis=1), sides.reshape(-1, 3)])
 
     def would_hold(self, places: FloatArray, points: FloatArray) -> bool:
-        """Tell whether it would hold a place (q, 3) if it grew to one of points (p, 3)."""
+        """Tell whether it would hold a place (q, 3) if it grew to one of points (p, 3).
+
+        That place comes to the front of places: the next points are likely to meet it as well.
+        """
         from medialis.robots._hull_kernels import lies_between
 
         return bool(lies_between(places, points, self.planes))
@@ -361,7 +365,8 @@ class _Cut:
 
     `corners` (t, 4, 3) has the triangles, each with its foot, which is its middle before
     `group`; `middles` (t, 3), `normals` (t, 3). `walls` are the triangles before they were cut, but
-    for those of closed holes. `shells` are those that were asked for.
+    for those of closed holes. `owners` (t,) has the group of each triangle. `shells` are those that
+    were asked for.
     """
 
     solid: Solid
@@ -372,6 +377,7 @@ class _Cut:
     normals: FloatArray
     groups: list[_Group]
     neighbours: list[set[int]]
+    owners: Index
     shells: dict[float, FloatArray] = field(default_factory=dict)
 
     @classmethod
@@ -394,7 +400,7 @@ class _Cut:
         corners = np.concatenate([triangles, middles[:, None]], axis=1)
         rows = np.arange(3 * len(walls), dtype=np.int32).reshape(-1, 3)
         tree = NearestTree.of_triangles(walls.reshape(-1, 3), rows)
-        return cls(solid, tree, error, corners, middles, normals, [], [])
+        return cls(solid, tree, error, corners, middles, normals, [], [], np.empty(0, np.int64))
 
     def group(self, progress: Progress) -> None:
         """Take feet, and groups whose hulls stick out by no more than the error."""
@@ -416,7 +422,19 @@ class _Cut:
                 continue
             self.groups.append(_Group(self, group.rows, len(self.groups)))
             progress.update(len(self.groups) / (len(self.groups) + len(waiting)))
+        self.owners = np.empty(len(feet), np.int64)
+        for group in self.groups:
+            self.owners[group.rows] = group.leaf
         self.neighbours = _neighbours(self)
+
+    @cached_property
+    def places(self) -> FloatArray:
+        """The middle of each group."""
+        return np.array([group.middle for group in self.groups])
+
+    def left(self, covered: Mask) -> Index:
+        """Return how many triangles of each group are not covered."""
+        return np.bincount(self.owners[~covered], minlength=len(self.groups))
 
     def shell(self, error: float) -> FloatArray:
         """Return places that lie outside, about as far away as hulls may stick out."""
@@ -475,17 +493,18 @@ def _normals(triangles: FloatArray) -> FloatArray:
 
 def _neighbours(cut: _Cut) -> list[set[int]]:
     """Return the groups that have a corner in common with each."""
-    owner = np.empty(len(cut.corners), np.int64)
-    for number, group in enumerate(cut.groups):
-        owner[group.rows] = number
-    corners = np.round(cut.corners[:, :3].reshape(-1, 3), 9)
-    vertex = np.unique(corners, axis=0, return_inverse=True)[1].ravel()
-    pairs = np.unique(np.stack([vertex, np.repeat(owner, 3)], axis=1), axis=0)
+    x, y, z = np.round(cut.corners[:, :3].reshape(-1, 3) / ROUNDING).astype(np.int64).T
+    column = np.unique(x << 32 | (y & 0xFFFFFFFF), return_inverse=True)[1]
+    vertex = np.unique(column << 32 | (z & 0xFFFFFFFF), return_inverse=True)[1]
+    pairs = np.unique(vertex * len(cut.groups) + np.repeat(cut.owners, 3))
+    vertex, owner = np.divmod(pairs, len(cut.groups))
     result: list[set[int]] = [set() for _ in cut.groups]
-    starts = np.flatnonzero(np.diff(pairs[:, 0], prepend=-1))
-    for around in np.split(pairs[:, 1], starts[1:]):
-        for one in around.tolist() if len(around) > 1 else ():
-            result[one].update(around.tolist())
+    starts = np.flatnonzero(np.diff(vertex, prepend=-1, append=-1))
+    several = np.diff(starts) > 1
+    for first, end in zip(starts[:-1][several].tolist(), starts[1:][several].tolist(), strict=True):
+        around = owner[first:end].tolist()
+        for one in around:
+            result[one].update(around)
     return result
 
 
@@ -540,7 +559,7 @@ def _start(cut: _Cut, covered: Mask) -> _Group:
     """Return the group that is not covered whose neighbours are most; at first an outer one."""
     if not covered.any():
         return max(cut.groups, key=lambda group: float(np.linalg.norm(group.middle)))
-    done = np.array([covered[group.rows].all() for group in cut.groups])
+    done = cut.left(covered) == 0
     share = [float(done[list(around)].mean()) if around else 1.0 for around in cut.neighbours]
     return cut.groups[max(np.flatnonzero(~done).tolist(), key=lambda row: share[row])]
 
@@ -550,26 +569,24 @@ def _piece(cut: _Cut, start: _Group, covered: Mask, shell: FloatArray) -> Hull:
     hull, count, met = start.hull, itertools.count(), shell[:0]
     waiting: list[tuple[float, int, _Group]] = []
     seen: set[int] = set()
-
-    def wait(group: _Group) -> None:
-        away = float(np.linalg.norm(group.middle - start.middle))
-        heapq.heappush(waiting, (away, next(count), group))
+    left = cut.left(covered).tolist()
+    away = np.linalg.norm(cut.places - start.middle, axis=1).tolist()
 
     def wait_round(leaf: int) -> None:
-        for other in sorted(cut.neighbours[leaf] | {leaf}):
-            if other not in seen:
-                seen.add(other)
-                wait(cut.groups[other])
+        for other in sorted((cut.neighbours[leaf] | {leaf}) - seen):
+            seen.add(other)
+            heapq.heappush(waiting, (away[other], next(count), cut.groups[other]))
 
     wait_round(start.leaf)
     while waiting:
         group = heapq.heappop(waiting)[2]
-        done = covered[group.rows]
+        whole = group is cut.groups[group.leaf]
+        free = left[group.leaf] if whole else np.count_nonzero(~covered[group.rows])
         finer = group.depth < TRIED_HALVINGS and len(group.rows) >= FEWEST
-        if done.all():
+        if free == 0:
             wait_round(group.leaf)
             continue
-        if not (finer and done.any()) and not hull.would_hold(met, group.hull.points):
+        if not (finer and free < len(group.rows)) and not hull.would_hold(met, group.hull.points):
             larger = hull.with_points(group.hull.points)
             hit = shell[larger.rows(shell, ROUNDING, 1)] if larger is not hull else shell[:0]
             if not len(hit):
@@ -578,7 +595,8 @@ def _piece(cut: _Cut, start: _Group, covered: Mask, shell: FloatArray) -> Hull:
                 continue
             met = np.concatenate([hit, met[: MET - 1]])
         for half in group.halves if finer else ():
-            wait(half)
+            far = math.dist(half.middle, start.middle)
+            heapq.heappush(waiting, (far, next(count), half))
     return hull
 
 
