@@ -11,6 +11,7 @@ measures each sheet; `medial_scaffold` (thesis 6.2.2) tells which sheets meet al
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -281,11 +282,16 @@ def _without_repeats(
     members = Ragged.group(piece, len(length))
     kept: list[int] = []
     taken = np.full(len(points), -1, np.int64)
-    near = kd_tree(points).query_ball_point(points, SAME_CURVE * spacing) if len(points) else []
+    lists = kd_tree(points).query_ball_point(points, SAME_CURVE * spacing) if len(points) else []
+    counts = np.array([len(one) for one in lists], np.int64)
+    inside = np.fromiter(itertools.chain.from_iterable(lists), np.int32, counts.sum())
+    near = Ragged(np.append(0, np.cumsum(counts)), inside)
     for chain in np.lexsort((np.arange(len(length)), -length)).tolist():
-        nodes = members[chain].tolist()
-        others = (taken[near[node]] for node in nodes)
-        shared = np.array([_shared(meeting[one[one >= 0]], meeting[chain]) for one in others])
+        nodes = members[chain]
+        others, which = np.unique(taken[near.joined(nodes)], return_inverse=True)
+        common = np.where(others < 0, 0, _shared(meeting[others], meeting[chain]))
+        shared = np.zeros(len(nodes), np.int64)
+        np.maximum.at(shared, np.repeat(np.arange(len(nodes)), counts[nodes]), common[which])
         two, one = (float(weight[nodes] @ (shared >= least)) for least in (2, 1))
         if two <= REPEATED_TWO * length[chain] and one <= REPEATED_ONE * length[chain]:
             away = points[nodes] - points[nodes].mean(axis=0)
@@ -296,10 +302,10 @@ def _without_repeats(
     return np.array(kept, np.int64)
 
 
-def _shared(meeting: Index, one: Index) -> int:
-    """Return how many sheets one curve has in common with another one, at most."""
+def _shared(meeting: Index, one: Index) -> Index:
+    """Return how many sheets each of some curves has in common with another one."""
     common = (meeting[:, :, None] == one) & (one >= 0)
-    return int(common.any(axis=2).sum(axis=1).max(initial=0))
+    return np.asarray(common.any(axis=2).sum(axis=1))
 
 
 def _compact(
