@@ -174,6 +174,10 @@ class Walls:
             direction = (signs.reshape(-1, len(normals), 1) * normals).reshape(-1, 3)
         else:
             direction = np.ascontiguousarray(directions[order])
+        meets_none = cloud.status[order] == BallStatus.OPEN
+        if meets_none.any():  # what fits into them tells nothing of others: they come last
+            turn = np.lexsort((meets_none, -signs))
+            order, samples, signs, direction = (x[turn] for x in (order, samples, signs, direction))
         largest = float(np.nanmax(cloud.radii, initial=0.0)) / shape.diagonal
         lengths = shrink_options(shape.diagonal, tolerance, largest)
         radii = cloud.radii[order] / lengths.unit
