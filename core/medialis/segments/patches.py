@@ -11,6 +11,7 @@ from __future__ import annotations
 import heapq
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -195,14 +196,18 @@ class FaceEdges:
         rows = Ragged.group(both[:, 0], self.shape.face_count)
         return Ragged(rows.offsets, frozen(both[rows.indices, 1], np.int32))
 
+    @cached_property
+    def centers(self) -> FloatArray:
+        """Middle of each face, (m, 3)."""
+        return frozen(self.shape.points[np.asarray(self.shape.faces)].mean(axis=1), np.float64)
+
     def turns(self, faces: NDArray[Any]) -> tuple[FloatArray, FloatArray]:
         """Return by how much the surface turns between pairs of faces (e, 2), and their distances.
 
         Radians; positive where it bends inward.
         """
         normals = self.shape.face_normals[faces]
-        centers = self.shape.points[np.asarray(self.shape.faces)[faces]].mean(axis=2)
-        away = centers[:, 1] - centers[:, 0]
+        away = self.centers[faces[:, 1]] - self.centers[faces[:, 0]]
         cross = np.linalg.norm(np.cross(normals[:, 0], normals[:, 1]), axis=1)
         turn = np.arctan2(cross, np.einsum("ij,ij->i", normals[:, 0], normals[:, 1]))
         inward = np.einsum("ij,ij->i", away, normals[:, 0] - normals[:, 1]) > 0
@@ -316,7 +321,7 @@ def face_patches(
     corners = np.asarray(surface.faces)
     free = ~soft[corners].any(axis=1) & (area > 0)
     labels = _without_scraps(connected_labels(np.where(free, 0, -1), smooth), smooth)
-    seed = nearest_seeds(surface.points[corners].mean(axis=1), smooth, labels >= 0)[0]
+    seed = nearest_seeds(edges.centers, smooth, labels >= 0)[0]
     labels = np.where(seed < 0, -1, labels[seed])
     labels = fill_components(connected_labels(0 * labels, smooth), labels, every)
     labels = joined_across_weak(edges, labels, seed, free, min_angle)
