@@ -295,16 +295,16 @@ def _close_loops(
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
-    n = len(nodes.points)
     refused: set[tuple[int, int]] = set()
     closing: list[int] | None = []
     while edges and closing is not None:
         edges = edges + list(itertools.pairwise(closing))
         pairs = np.array(edges)
         size = np.linalg.norm(nodes.points[pairs[:, 0]] - nodes.points[pairs[:, 1]], axis=1)
-        skeleton = csr_array((size, (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+        used, ends_in = np.unique(pairs, return_inverse=True)
+        skeleton = csr_array((size, tuple(ends_in.reshape(-1, 2).T)), shape=(len(used), len(used)))
         graph = nodes.graph(nodes.lengths)
-        away, before, foot = dijkstra(graph, indices=np.unique(pairs), **FROM_ALL)
+        away, before, foot = dijkstra(graph, indices=used, **FROM_ALL)
         a, b = nodes.links.T
         use = (foot[a] != foot[b]) & np.isfinite(away[a]) & np.isfinite(away[b])
         a, b, direct = a[use], b[use], (away[a] + away[b] + nodes.lengths)[use]
@@ -312,8 +312,9 @@ def _close_loops(
         closing = None
         if len(feet) == 0:
             break
+        feet, other = np.searchsorted(used, feet), np.searchsorted(used, foot[b])
         along, trace = dijkstra(skeleton, directed=False, indices=feet, return_predecessors=True)
-        detour = along[start, foot[b]]
+        detour = along[start, other]
         widest = np.maximum(nodes.radii[foot[a]], nodes.radii[foot[b]])
         long = np.flatnonzero(detour > np.maximum(2 * direct, 2 * widest + 4 * cell))
         for row in long[np.argsort(direct[long], kind="stable")]:
@@ -321,7 +322,7 @@ def _close_loops(
             if ends in refused:
                 continue
             there = follow(before, int(a[row]))[::-1] + follow(before, int(b[row]))
-            home = follow(trace[start[row]], ends[1])
+            home = used[follow(trace[start[row]], int(other[row]))].tolist()
             if not _spanned(nodes.points[there + home[1:]], measure):
                 closing = there
                 break
