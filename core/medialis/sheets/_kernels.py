@@ -26,8 +26,11 @@ MOST_SAMPLES = 1024
 """Samples of one set at most. A flat contact holds about 0.6 r / h of them (tau = 0.1 h), so only a
 ball that touches a piece of a sphere or a tube with thousands of samples has more."""
 
-KNOWN = 32
-"""Balls with too many samples that are kept: a chunk on a tube lies on about as many rings."""
+KNOWN = 64
+"""Balls with too many samples that are kept: on a tube, the rings that neighbours lie on."""
+
+MARKS = MOST_SAMPLES + 2
+"""Numbers that the samples of one set are marked with: those of the last set are less."""
 
 SURE = 1e-12
 """Length in units of the tree: more than rounding makes of distances."""
@@ -166,10 +169,10 @@ def _find_in_ball(x, y, z, reach, margin, tree, stack, found):
 
 
 @kernel
-def _cluster(found, count, graph, stamp, parent, out_cluster):
+def _cluster(found, count, graph, stamp, mark, parent, out_cluster):
     """Find the clusters of the listed samples, numbered in their order; return how many.
 
-    `stamp` holds -1 everywhere on entry and on return.
+    `stamp` holds less than `mark` everywhere on entry, less than `mark` + MARKS on return.
     """
     offsets, neighbours = graph
     for a in range(count):
@@ -178,11 +181,11 @@ def _cluster(found, count, graph, stamp, parent, out_cluster):
         i = found[a]
         for at in range(offsets[i] - 1, offsets[i + 1]):
             near = i if at < offsets[i] else neighbours[at]
-            b = stamp[near]
+            b = stamp[near] - mark
             if b < 0:
-                stamp[near] = a
-                continue
-            join(parent, a, b)
+                stamp[near] = mark + a
+            elif parent[a] != parent[b]:
+                join(parent, a, b)
     clusters = 0
     for a in range(count):
         root = find_root(parent, a)
@@ -191,9 +194,6 @@ def _cluster(found, count, graph, stamp, parent, out_cluster):
             clusters += 1
         else:
             out_cluster[a] = out_cluster[root]
-        stamp[found[a]] = -1
-        for at in range(offsets[found[a]], offsets[found[a] + 1]):
-            stamp[neighbours[at]] = -1
     return clusters
 
 
@@ -260,7 +260,8 @@ def find_sets(begin, end, rows, balls, normals, tree, graph, out):
         else:
             count = _put_first(found, count, features[row, 0], 0)
             count = _put_first(found, count, features[row, 1], 1)
-            clusters = _cluster(found, count, graph, stamp, parent, cluster)
+            mark = (turn - begin) * MARKS
+            clusters = _cluster(found, count, graph, stamp, mark, parent, cluster)
             agreement = _mean_normal(found, count, normals)
         if filled + count > len(samples):
             room = 2 * (filled + count)
