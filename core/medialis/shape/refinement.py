@@ -27,7 +27,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import kd_tree, sums_of, unit_rows
+from medialis.base.arrays import Ragged, kd_tree, sums_of, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length
 from medialis.base.progress import Progress
@@ -654,14 +654,17 @@ def _unfolded(fine: Shape, n: int, step: FloatArray) -> NDArray[np.float64]:
 
 
 def _vertices_of_faces(fine: Shape, n: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the new vertices and the given faces that they lie on, each pair once."""
-    flat = np.asarray(fine.faces).ravel().astype(np.int64)
-    given = np.repeat(np.asarray(fine.face_origin, np.int64), 3)
-    new = flat >= n
-    count = int(given.max(initial=0)) + 1
-    keys = np.unique(flat[new] * count + given[new])
-    vertex, face = np.divmod(keys, count)
-    return vertex, face
+    """Return the new vertices and the given faces that they lie on, each pair once.
+
+    The pieces of a face follow each other.
+    """
+    flat = np.asarray(fine.faces).ravel()
+    groups = Ragged.group(flat, fine.point_count)
+    sides = groups.indices[groups.offsets[n] :]
+    vertex, face = flat[sides].astype(np.int64), np.asarray(fine.face_origin, np.int64)[sides // 3]
+    first = np.ones(len(sides), np.bool_)
+    first[1:] = (vertex[1:] != vertex[:-1]) | (face[1:] != face[:-1])
+    return vertex[first], face[first]
 
 
 def _common_steps(
