@@ -527,9 +527,12 @@ def _room(x, y, z, r, margin, hung, stack):
                 top += 1
                 continue
             leaf = ~base + j
-            for slot in range(BLOCK * first[leaf], BLOCK * first[leaf + 1]):
-                hull, f, fr = hulls[slot // BLOCK], slot % BLOCK, np.float32(r)
-                if _is_near(hull, f, fx, fy, fz, fx, fy, fz, fr, slack, slack):
+            for block in range(first[leaf], first[leaf + 1]):
+                hull, fr = hulls[block], np.float32(r)
+                near = _near_faces(hull, fx, fy, fz, fx, fy, fz, fr, slack, slack)
+                while near > 0:
+                    slot = BLOCK * block + lowest_bit(near)
+                    near &= near - 1
                     a, b, c = corners[slot, 0], corners[slot, 1], corners[slot, 2]
                     apart = nearest_place(x, y, z, points, a, b, c)[2]
                     r = min(r, math.sqrt(apart))
