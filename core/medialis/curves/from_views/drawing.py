@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from medialis.base.arrays import Described
+from medialis.base.arrays import Described, along_space
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
@@ -35,7 +35,6 @@ from medialis.curves.from_views.views import (
 )
 from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
-from medialis.skeleton.importance.geodesics import along_space
 
 if TYPE_CHECKING:
     from medialis.curves.from_views._draw_kernels import Box, Screen

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import along_space
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import room
 from medialis.base.options import Options, algorithm, angle, changed, whole
@@ -44,7 +45,6 @@ from medialis.curves.from_views.views import (
     sphere_of,
 )
 from medialis.shape.shape import Shape
-from medialis.skeleton.importance.geodesics import along_space
 
 if TYPE_CHECKING:
     from medialis.curves.from_views._view_kernels import PackedView

@@ -352,6 +352,22 @@ def _over(points, v, a, b, w):
     return math.sqrt((along_w - along_v) ** 2 + (high_v + high_w) ** 2)
 
 
+@kernel
+def over_edges(walk, out_ends, out_length):
+    """Straight ways over edges, from a vertex to that across; returns how many there are."""
+    corners, count = walk.corners, 0
+    for h in range(len(corners)):
+        t = walk.twins[h]
+        if t < h:
+            continue
+        v, w = corners[previous_side(h)], corners[previous_side(t)]
+        size = _over(walk.points, v, corners[h], corners[next_side(h)], w)
+        if v != w and size < math.inf:
+            out_ends[count, 0], out_ends[count, 1], out_length[count] = v, w, size
+            count += 1
+    return count
+
+
 class _Search(NamedTuple):
     """Where a search along edges is; `reached` and `settled` tell in which one a vertex was."""
 
@@ -428,7 +444,8 @@ def _look(walk, over, start, end, r, most, search, heap):
 def edge_paths(begin, stop, rows, most, walk, ends, out):
     """Shortest paths along the edges (A*), an upper bound, for the pairs rows[begin..stop].
 
-    A search that settles more than `most` vertices is given up: its pair stays as it is.
+    A search that settles more than `most` vertices is given up: its pair stays as it is. So does
+    one that has a path as short.
     """
     points = walk.points
     search, heap = _new_search(len(points))
@@ -437,7 +454,7 @@ def edge_paths(begin, stop, rows, most, walk, ends, out):
         row = rows[r]
         start, end = ends[row, 0], ends[row, 1]
         heap = _look(walk, False, start, end, r, most, search, heap)
-        if search.settled[end] != r:
+        if search.settled[end] != r or not length[end] < out.length[row]:
             continue
         out.length[row] = length[end]
         out.status[row] = EDGES

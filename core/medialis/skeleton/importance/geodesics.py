@@ -9,7 +9,6 @@ polyline: the cut or the path along the edges, shortened until it is straight ev
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, Index, Mask, Ragged, unit_rows
+from medialis.base.arrays import Described, Index, Mask, Ragged, along_space, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import Options, whole
@@ -28,6 +27,8 @@ from medialis.shape.reading import ShapeLike, as_shape
 from medialis.shape.shape import Shape
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
     from medialis.skeleton.importance._walk_kernels import Paths, Walk
 
 FIRST_LIMIT = 1.7  # halved 0 %, doubled < 0.1 %
@@ -69,31 +70,30 @@ PLACED_A_CHUNK = 1 << 14
 SEARCHES_A_CHUNK = 16  # halved 0 %, doubled 0 %
 """Along edges."""
 
-CELLS = 1024  # halved < 0.1 %, doubled 8 %
-"""Along the largest side of the box, for the order of pairs."""
+SETTLED_FIRST = 4
+"""Vertices that the first searches along edges may look at in all, for each one of the shape. Round
+a hole one ends soon; between the sides of a wall it would look at most of the shape, and one from a
+landmark serves all pairs there."""
 
-SETTLED_IN_ALL = 1_000_000  # halved 0 %, doubled 36 %
-"""Vertices that all searches along edges may look at, on a small shape."""
-
-SETTLED_A_VERTEX = 110  # halved 0 %, doubled 0 %
-"""Besides, for each vertex of the shape."""
-
-MOST_SETTLED = 10_000_000  # halved 0 %, doubled 0 %
-"""At most, some seconds. Of 21 real shapes the one with most pairs that no plane cut joins (115 on
-62,251 vertices) needs seven million."""
+SETTLED_LAST = 2_000_000
+"""Vertices that the last ones may look at in all, for pairs that no landmark is on the way of."""
 
 SETTLED_ALONG_BORDERS = 1000
 """Vertices that a search along edges may look at where a hole is between the ends of a pair."""
 
-MANY_LOST = 0.02  # halved 0 %, doubled 41 %
-"""Part of the vertices: where more pairs have no plane cut, as on surfaces that are crumpled or not
-manifold, searches look at no more for large shapes, and most pairs go through landmarks."""
+MANY_FAR = 0.02
+"""Part of the vertices: where more pairs have plane cuts that lead far round, as on crumpled
+surfaces, they stay."""
 
 USUAL_FACES = 12.0  # halved 0 %, doubled 0 %
 """Faces at a vertex, twice as many as usual, from which on fewer vertices are looked at."""
 
 LANDMARKS = 64  # halved 45 %, doubled 22 %
-"""Vertices that paths lead through where the searches along edges are too long."""
+"""Vertices that paths lead through where the searches along edges are too long, at most."""
+
+NEARLY_SHORTEST = 1.01
+"""Times the shortest that paths through landmarks may be long. They lead straight over single edges
+as well: among equilateral triangles up to 1.04 times the geodesic, where others have 1.15."""
 
 PATHS_A_CHUNK = 4
 """Polylines."""
@@ -238,13 +238,12 @@ def geodesic_lengths(
 
     Source: thesis 3.3.1-3.3.2, Eq. 3.1. Deviates: planes are spread from the plane of the two
     vertex normals; the best cut, and up to three others at most 1.1 times as long, are shortened to
-    locally shortest paths; a path is dropped when its length plus the
-    straight line that remains exceeds the best length (the thesis compares the length so far);
-    where no plane cut arrives, the shortest path along the edges is taken. All these searches
-    together look at a million vertices, and 110 for each of the shape, 10 million at most; a pair
-    with a longer one gets the shortest path along the edges through one of 64 vertices spread over
-    the starts of such pairs. Where many pairs have no cut of less than 3.4 times the straight line,
-    one that is 1.25 times as long as such a path is given up.
+    locally shortest paths; a path is dropped when its length plus the straight line that remains
+    exceeds the best length (the thesis compares the length so far); where no plane cut arrives, the
+    shortest path along the edges is taken. Where such a search would look at too many vertices, it
+    is one through the starts of such pairs, and straight over single edges, until it is at most
+    1.01 times too long; 64 starts are tried. Where many pairs have no cut of less than 3.4 times
+    the straight line, one that is 1.25 times as long as such a path is given up.
 
     Examples
     --------
@@ -297,13 +296,14 @@ def trace(
         lost = out.status == PathStatus.NONE
         lost &= (ends >= 0).all(axis=1) & (components[starts] == components[goals])
         rows = np.flatnonzero(lost)
-        few = len(rows) <= MANY_LOST * shape.point_count
-        most = _most_settled(shape, SETTLED_A_VERTEX if few else 0) // max(len(rows), 1)
-        with progress.stage("edge paths", 0.0, 0.6):
+        with progress.stage("edge paths", 0.0, 0.1):
+            most = _share(shape, SETTLED_FIRST * shape.point_count, rows)
             _follow_edges(shape, ends, rows, most, out, progress)
         rows = rows[out.status[rows] == PathStatus.NONE]
-        with progress.stage("edge paths", 0.6, 0.9):
-            _through_landmarks(shape, ends, rows, out, progress)
+        with progress.stage("edge paths", 0.1, 0.5):
+            rows = _through_landmarks(shape, ends, rows, out, progress)
+        with progress.stage("edge paths", 0.5, 0.9):
+            _follow_edges(shape, ends, rows, _share(shape, SETTLED_LAST, rows), out, progress)
         rows = rows[out.status[rows] == PathStatus.NONE]
         with progress.stage("edge paths", 0.9, 1.0):
             _follow_edges(shape, ends, rows, shape.point_count, out, progress)
@@ -315,27 +315,25 @@ def _along_borders(shape: Shape, ends: IntArray, out: Paths, progress: Progress)
     straight = np.linalg.norm(shape.points[ends[:, 0]] - shape.points[ends[:, 1]], axis=1)
     far = (out.length > 2.0 * SHORT_CUT * straight) & (out.status == PathStatus.PLANE)
     rows = np.flatnonzero(far)
-    if len(rows) > MANY_LOST * shape.point_count:
+    if len(rows) > MANY_FAR * shape.point_count:
         return
     parts = {name: values for name, values in out._asdict().items() if name != "normal"}
     found = out._replace(**{name: values[rows] for name, values in parts.items()})
-    every = np.arange(len(rows))
-    _follow_edges(shape, ends[rows], every, SETTLED_ALONG_BORDERS, found, progress)
+    _follow_edges(shape, ends[rows], np.arange(len(rows)), SETTLED_ALONG_BORDERS, found, progress)
     shorter = found.length < out.length[rows]
     for name, values in parts.items():
         values[rows[shorter]] = getattr(found, name)[shorter]
 
 
-def _most_settled(shape: Shape, a_vertex: int) -> int:
-    """Return how many vertices all searches along edges may look at.
+def _share(shape: Shape, most: int, rows: Index) -> int:
+    """Return how many vertices each search for some pairs may look at, of so many in all.
 
     A vertex with hundreds of faces costs as many times what another one does, and searches pass
     through it: the fewer vertices, the more faces there are at the vertices of a face, in the mean.
     """
     faces = shape.fans.lengths.astype(np.float64)
     busy = float(faces @ faces) / max(float(faces.sum()), 1.0) / USUAL_FACES
-    most = min(MOST_SETTLED, SETTLED_IN_ALL + a_vertex * shape.point_count)
-    return int(most / max(1.0, busy))
+    return int(most / max(1.0, busy)) // max(len(rows), 1)
 
 
 def _follow_edges(
@@ -350,17 +348,25 @@ def _follow_edges(
 
 def _through_landmarks(
     shape: Shape, ends: IntArray, rows: Index, out: Paths, progress: Progress
-) -> None:
-    """Give some pairs the shortest path along edges that passes through a landmark.
+) -> Index:
+    """Give some pairs the shortest path that passes through a landmark; return those it fails.
 
-    One search from each landmark serves all pairs. The landmarks are start vertices, each the
-    farthest from those before.
+    One search from each landmark serves all pairs. The landmarks are start vertices: each that of
+    the path that may be too long by the largest share of its length.
     """
+    from scipy.sparse.csgraph import dijkstra
+
     if len(rows) == 0:
-        return
+        return rows
     points = shape.points
     starts, goals = ends[rows].T
-    for landmark, distance, before in _from_landmarks(shape, starts, LANDMARKS, progress):
+    least = np.linalg.norm(points[starts] - points[goals], axis=1)
+    graph, worst = run_patiently(lambda: _graph(shape, True), progress), 0
+    for number in range(LANDMARKS):
+        progress.update(number / LANDMARKS)
+        landmark = int(starts[worst])
+        limit = NEARLY_SHORTEST * float(out.length[rows].max())
+        distance, before = dijkstra(graph, True, landmark, True, limit=limit)
         length = distance[starts] + distance[goals]
         shorter = np.flatnonzero(length < out.length[rows])
         for side, tangents, sign in ((starts, out.start_tangent, 1), (goals, out.end_tangent, -1)):
@@ -375,30 +381,34 @@ def _through_landmarks(
             )
         out.length[rows[shorter]] = length[shorter]
         out.status[rows[shorter]] = PathStatus.EDGES
-
-
-def _from_landmarks(
-    shape: Shape, starts: IntArray, count: int, progress: Progress
-) -> Iterator[tuple[int, FloatArray, IntArray]]:
-    """Yield start vertices, each the farthest from those before, and the paths along edges to them.
-
-    Each with the distance of all n vertices, and the vertex that comes before each on the way.
-    """
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import dijkstra
-
-    (a, b), n = shape.edges.T, shape.point_count
-    size = np.maximum(shape.edge_lengths, 1e-300)  # a stored zero is no edge
-    graph = csr_array((np.r_[size, size], (np.r_[a, b], np.r_[b, a])), shape=(n, n))
-    far, landmark = np.full(len(starts), np.inf), int(starts[0])
-    for number in range(count):
-        progress.update(number / count)
-        distance, before = dijkstra(graph, indices=landmark, return_predecessors=True)
-        yield landmark, distance, before
-        far = np.minimum(far, distance[starts])
-        landmark = int(starts[far.argmax()])
-        if far.max() == 0.0:
+        known = np.isfinite(length)  # of this component
+        apart = np.abs(distance[starts[known]] - distance[goals[known]])
+        least[known] = np.maximum(least[known], apart)
+        excess = out.length[rows] / least
+        worst = int(excess.argmax())
+        if excess[worst] <= NEARLY_SHORTEST:
             break
+    return rows[excess > NEARLY_SHORTEST]
+
+
+def _graph(shape: Shape, over: bool) -> csr_array:
+    """Return the lengths of edges (n, n), with `over` of straight ways over single ones as well."""
+    from scipy.sparse import csr_array
+
+    from medialis.skeleton.importance._walk_kernels import over_edges
+
+    (a, b), size, n = shape.edges.T, shape.edge_lengths, shape.point_count
+    if over:
+        ends, ways = np.empty((3 * shape.face_count, 2), np.int32), np.empty(3 * shape.face_count)
+        count = over_edges(surface_walk(shape), ends, ways)
+        a, b = np.concatenate([shape.edges, ends[:count]]).T
+        size = np.concatenate([size, ways[:count]])
+        key = np.minimum(a, b) * np.int64(n) + np.maximum(a, b)
+        order = np.lexsort((size, key))  # of ways between the same vertices the shortest counts
+        kept = order[np.diff(key[order], prepend=-1) != 0]
+        a, b, size = a[kept], b[kept], size[kept]
+    size = np.maximum(size, 1e-300)  # a stored zero is no edge
+    return csr_array((np.r_[size, size], (np.r_[a, b], np.r_[b, a])), shape=(n, n))
 
 
 def cut_by_planes(
@@ -479,28 +489,21 @@ def along_curve(shape: Shape, walk: Walk) -> tuple[IntArray, Index, Walk]:
     return place, order, Walk(points, corners.ravel(), twins.ravel(), offsets, fan)
 
 
-def along_space(points: FloatArray) -> IntArray:
-    """Return the places of points along a Z-curve: those of points close together are close."""
-    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
-    scale = CELLS / max(float((high - low).max(initial=0.0)), 1e-300)
-    code = np.zeros(len(points), np.int32)
-    for axis in range(3):
-        cell = (points[:, axis] - low[axis]) * scale
-        part = np.minimum(cell, CELLS - 1).astype(np.int32)
-        for shift, mask in ((16, 0x30000FF), (8, 0x300F00F), (4, 0x30C30C3), (2, 0x9249249)):
-            part = (part | part << shift) & mask
-        code |= part << axis
-    return code
-
-
 def _longest_cuts(shape: Shape, ends: IntArray, rows: Index, progress: Progress) -> FloatArray:
     """Return how long the plane cuts of some pairs may be, for all k pairs."""
+    from scipy.sparse.csgraph import dijkstra
+
     longest = np.full(len(ends), np.inf)
     if OPEN_SHARE * shape.point_count < len(rows) and shape.point_count <= MOST_BOUNDED:
         starts, goals = ends[rows].T
-        for _, distance, _ in _from_landmarks(shape, starts, BOUNDING_LANDMARKS, progress.still):
+        far, landmark, graph = np.full(len(starts), np.inf), int(starts[0]), _graph(shape, False)
+        for number in range(BOUNDING_LANDMARKS):
+            progress.still.update(number / BOUNDING_LANDMARKS)
+            distance = dijkstra(graph, indices=landmark)
             through = DETOUR * (distance[starts] + distance[goals])
             longest[rows] = np.minimum(longest[rows], through)
+            far = np.minimum(far, distance[starts])
+            landmark = int(starts[far.argmax()])
     return longest
 
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, follow
+from medialis.base.arrays import Index, Mask, along_space, follow
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, length
@@ -32,7 +32,6 @@ from medialis.skeleton.importance.geodesics import (
     GeodesicOptions,
     GeodesicPaths,
     PathStatus,
-    along_space,
     as_pairs,
     surface_walk,
     trace,
