@@ -158,7 +158,7 @@ def measure_outlines(begin, end, mesh, places, frames, once, ways, out_measures)
         out_measures[i, 0], out_measures[i, 1], out_measures[i, 2] = abs(area) / 2.0, least, most
 
 
-class Beside(NamedTuple):
+class Around(NamedTuple):
     """Balls near each of k places along a line, in three spheres: behind, at and before the place.
 
     Those of sphere s of place i are ``rows[starts[3 * i + s]:starts[3 * i + s + 1]]``, and so are
@@ -180,42 +180,155 @@ class Beside(NamedTuple):
     rows: NDArray[np.int64]
 
 
+class Balls(NamedTuple):
+    """Balls that a line may lie among.
+
+    Attributes
+    ----------
+    centers : (n, 3) float64
+    radii : (n,) float64
+    touching : (n, 3) float64
+        Unit vectors to the samples.
+    areas : (n,) float64
+        Of the samples.
+    """
+
+    centers: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    touching: NDArray[np.float64]
+    areas: NDArray[np.float64]
+
+
 @kernel
-def keep_wide(beside, centers, radii, limits, along, aside, kept):
-    """Tell which balls count for a place, and where they lie.
+def _keep_wide(around, i, balls, limits, kept, table):
+    """Write which balls count for place i, and of each how far along and aside; return how many."""
+    unit, largest, sphere, count = around.radii[i], 0.0, 0, 0
+    x, y, z = around.tangents[i]
+    for row in range(around.starts[3 * i], around.starts[3 * i + 3]):
+        while row >= around.starts[3 * i + sphere + 1]:
+            sphere += 1
+        ball = around.rows[row]
+        off_x = balls.centers[ball, 0] - around.places[i, 0]
+        off_y = balls.centers[ball, 1] - around.places[i, 1]
+        off_z = balls.centers[ball, 2] - around.places[i, 2]
+        share = (off_x * x + off_y * y + off_z * z) / unit
+        length = unit * share
+        off_x, off_y, off_z = off_x - length * x, off_y - length * y, off_z - length * z
+        away = math.sqrt(off_x * off_x + off_y * off_y + off_z * off_z) / unit
+        if not (share * share + away * away < limits[0] * limits[0] and away < limits[1]):
+            continue
+        if math.floor(share + 1.5) != sphere:
+            continue
+        if abs(share) < limits[2]:
+            largest = max(largest, balls.radii[ball])
+        kept[count], table[0, count], table[1, count] = ball, share, away
+        count += 1
+    wide = 0
+    for k in range(count):
+        if balls.radii[kept[k]] >= limits[3] * largest:
+            kept[wide], table[0, wide], table[1, wide] = kept[k], table[0, k], table[1, k]
+            wide += 1
+    return wide
+
+
+@kernel
+def _product(table, i, j, count):
+    total = 0.0
+    for k in range(count):
+        total += table[i, k] * table[j, k]
+    return total
+
+
+@kernel
+def _take_out(table, i, j, share, count):
+    for k in range(count):
+        table[j, k] -= share * table[i, k]
+
+
+@kernel
+def _constant(table, powers, count, negligible, out):
+    """Least squares of rows 3 to 8 of a table by its first three, whose order is that of powers.
+
+    Rows that depend on those before count for nothing. `out` (6,) receives what row 0 has to do
+    with each; they keep what is left of them.
+    """
+    upper, share = np.zeros((3, 3)), np.zeros((3, 6))
+    for i in range(powers):
+        size = math.sqrt(_product(table, i, i, count))
+        for j in range(i):
+            upper[j, i] = _product(table, j, i, count)
+            _take_out(table, j, i, upper[j, i], count)
+        upper[i, i] = math.sqrt(_product(table, i, i, count))
+        if not upper[i, i] > negligible * size:
+            upper[i, i] = math.inf
+        for k in range(count):
+            table[i, k] /= upper[i, i]
+        for c in range(6):
+            share[i, c] = _product(table, i, 3 + c, count)
+            _take_out(table, i, 3 + c, share[i, c], count)
+    for c in range(6):
+        for i in range(powers - 1, -1, -1):
+            for j in range(i + 1, powers):
+                share[i, c] -= upper[i, j] * share[j, c]
+            share[i, c] /= upper[i, i]
+        out[c] = share[0, c]
+
+
+@kernel
+def fit_parabolas(around, balls, limits, fewest, negligible, out_moves):
+    """Fit parabolas along tangents to the wide balls round places, by least squares.
+
+    A ball that touches noise is too small, so it lies towards where it touches: as much on all
+    sides, of which a bend has more outside. That much is found, and taken away.
 
     Parameters
     ----------
-    beside : Beside
-    centers, radii : (n, 3) float64, (n,) float64
+    around : Around
+    balls : Balls
     limits : (4,) float64
         How far off and aside a ball may lie; how far along it is compared with others, and the
         share of the radius of the largest of these that it has at least.
-    along, aside : (f,) float64
-        Filled: how far along the tangent and beside it each center lies.
-    kept : (f,) bool
-        Filled.
+    fewest : int
+        Balls that a parabola is fitted to; where there are fewer, a mean is taken.
+    negligible : float
+        Share of a power that is none.
+    out_moves : (k, 3) float64
+        How far the parabola passes from each place, across the tangent; as it was where there are
+        no balls, or it is more than a radius.
     """
-    for i in range(len(beside.places)):
-        unit, largest = beside.radii[i], 0.0
-        x, y, z = beside.tangents[i]
-        begin, end = beside.starts[3 * i], beside.starts[3 * i + 3]
-        sphere = 0
-        for row in range(begin, end):
-            while row >= beside.starts[3 * i + sphere + 1]:
-                sphere += 1
-            ball = beside.rows[row]
-            off_x = centers[ball, 0] - beside.places[i, 0]
-            off_y = centers[ball, 1] - beside.places[i, 1]
-            off_z = centers[ball, 2] - beside.places[i, 2]
-            share = (off_x * x + off_y * y + off_z * z) / unit
-            length = unit * share
-            off_x, off_y, off_z = off_x - length * x, off_y - length * y, off_z - length * z
-            away = math.sqrt(off_x * off_x + off_y * off_y + off_z * off_z) / unit
-            along[row], aside[row] = share, away
-            kept[row] = share * share + away * away < limits[0] * limits[0] and away < limits[1]
-            kept[row] = kept[row] and math.floor(share + 1.5) == sphere
-            if kept[row] and abs(share) < limits[2]:
-                largest = max(largest, radii[ball])
-        for row in range(begin, end):
-            kept[row] = kept[row] and radii[beside.rows[row]] >= limits[3] * largest
+    most = 0
+    for i in range(len(around.places)):
+        most = max(most, around.starts[3 * i + 3] - around.starts[3 * i])
+    kept, table, found = np.empty(most, np.int64), np.empty((9, most)), np.empty(6)
+    for i in range(len(around.places)):
+        count = _keep_wide(around, i, balls, limits, kept, table)
+        if count == 0:
+            continue
+        heaviest = 0.0
+        for k in range(count):
+            along, aside = table[0, k] / limits[0], table[1, k] / limits[1]
+            weight = (1.0 - along * along) * (1.0 - aside * aside) * balls.areas[kept[k]]
+            table[2, k] = weight
+            heaviest = max(heaviest, weight)
+        for k in range(count):
+            along, root, ball = table[0, k], math.sqrt(table[2, k] / heaviest), kept[k]
+            table[0, k], table[1, k], table[2, k] = root, root * along, root * along * along
+            for c in range(3):
+                table[3 + c, k] = root * balls.touching[ball, c]
+                table[6 + c, k] = root * (balls.centers[ball, c] - around.places[i, c])
+        _constant(table, 3 if count >= fewest else 1, count, negligible, found)
+        known = left = 0.0
+        for c in range(3):
+            known += _product(table, 3 + c, 3 + c, count)
+            left += _product(table, 3 + c, 6 + c, count)
+        share = left / known if known > 0.0 else 0.0
+        along = size = 0.0
+        for c in range(3):
+            found[3 + c] -= share * found[c]
+            along += found[3 + c] * around.tangents[i, c]
+        for c in range(3):  # it moves across the line alone
+            found[3 + c] -= along * around.tangents[i, c]
+            size += found[3 + c] * found[3 + c]
+        if math.sqrt(size) <= around.radii[i]:
+            for c in range(3):
+                out_moves[i, c] = found[3 + c]

@@ -4,7 +4,7 @@
    in a wall are none. A line ends in the middle of the border.
 2. `shortest`: balls of neighbouring samples are linked, and paths are shortest where a step counts
    as its length over the radius: they keep to where the shape is widest.
-3. `centered`: such a path jumps from ball to ball. Each of its places moves to the parabola along
+3. `Middle`: such a path jumps from ball to ball. Each of its places moves to the parabola along
    the path that fits the wide balls round it best; a bend does not draw it inwards, as a mean
    would. Short bends are smoothed by a spline.
 4. `joined`: where lines from one place part by less than a share of the radius they are one.
@@ -17,7 +17,6 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from medialis.base.arrays import (
     Described,
     Index,
     Mask,
+    distinct,
     kd_tree,
     places_along,
     polylines,
@@ -89,6 +89,9 @@ AT_ONCE = 64
 
 FEWEST = 6
 """Balls that a parabola is fitted to; where there are fewer, a mean is taken."""
+
+NEGLIGIBLE = 1e-6
+"""Share of a power along the line that is none: the balls lie at one or two places along it."""
 
 ONE_LINE = 0.1
 """Radii: lines from the same place are one as long as they lie this near to each other."""
@@ -199,7 +202,8 @@ def _links(cloud: MedialCloud) -> Index:
     inside = away.ravel() < np.maximum(cloud.radii[one], cloud.radii[other])
     more = np.stack([one, other], axis=1)[inside & (one != other)]
     pairs = np.concatenate([edges, more])
-    keys = np.unique(pairs.min(axis=1) * len(cloud) + pairs.max(axis=1))
+    low, high = np.minimum(*pairs.T), np.maximum(*pairs.T)
+    keys = distinct(low * np.int64(len(cloud)) + high)
     return np.stack([keys // len(cloud), keys % len(cloud)], axis=1)
 
 
@@ -218,63 +222,91 @@ def tangents_of(points: FloatArray) -> FloatArray:
     return unit_rows(np.gradient(points, axis=0), instead=np.array([1.0, 0.0, 0.0]))
 
 
-def centered(
-    cloud: MedialCloud, path: FloatArray, fixed: tuple[bool, bool], progress: Progress
-) -> FloatArray:
-    """Lay a path through centers of balls in the middle of the balls round it.
+class Middle:
+    """Lays lines in the middle of the balls of a cloud."""
 
-    Parameters
-    ----------
-    cloud : MedialCloud
-    path : (k, 3) float64
-    fixed : (bool, bool)
-        Whether its first and its last place stay.
+    def __init__(self, cloud: MedialCloud) -> None:
+        from medialis.curves._section_kernels import Balls
 
-    Returns
-    -------
-    (p, 3) float64
-        At equal steps.
-    """
-    rows = np.flatnonzero(cloud.valid)
-    tree = kd_tree(cloud.centers[rows])
-    typical = float(np.median(cloud.radii[rows[tree.query(path)[1]]]))
-    path = _smoothed(resampled(path, typical / STEPS_A_RADIUS), fixed, cloud, tree, rows)
-    for number in range(ROUNDS):
-        path = resampled(path, typical / STEPS_A_RADIUS)
-        tangents = _smooth_tangents(path, typical)
-        moved = path.copy()
-        for begin in range(int(fixed[0]), len(path) - int(fixed[1]), AT_ONCE):
-            some = slice(begin, min(begin + AT_ONCE, len(path) - int(fixed[1])))
-            moved[some] = _fitted(cloud, rows, tree, path[some], tangents[some])
-            progress.update((number + begin / len(path)) / ROUNDS)
-        path = _smoothed(moved, fixed, cloud, tree, rows)
-    return path
+        rows, surface = np.flatnonzero(cloud.valid), cloud.surface
+        centers, radii, source = cloud.centers[rows], cloud.radii[rows], cloud.source[rows]
+        touching = unit_rows(surface.points[source] - centers)
+        areas = np.maximum(surface.point_areas[source], 1e-300)
+        self._balls = Balls(centers, radii, touching, areas)
+        self._tree = kd_tree(centers)
 
+    def line(self, path: FloatArray, fixed: tuple[bool, bool], progress: Progress) -> FloatArray:
+        """Lay a path through centers of balls in the middle of the balls round it.
 
-def _smoothed(
-    path: FloatArray, fixed: tuple[bool, bool], cloud: MedialCloud, tree: Any, rows: Index
-) -> FloatArray:
-    """Return a path without bends shorter than `BEND`: the spline of least change of curvature.
+        Parameters
+        ----------
+        path : (k, 3) float64
+        fixed : (bool, bool)
+            Whether its first and its last place stay.
+        progress : Progress
 
-    Squares of its distances and of its third differences are least; a circle stays one.
-    """
-    from scipy.sparse import diags
-    from scipy.sparse.linalg import spsolve
-
-    count = len(path)
-    if count < FEWEST:
+        Returns
+        -------
+        (p, 3) float64
+            At equal steps.
+        """
+        typical = float(np.median(self._radii_near(path)))
+        path = self._smoothed(resampled(path, typical / STEPS_A_RADIUS), fixed)
+        for number in range(ROUNDS):
+            path = resampled(path, typical / STEPS_A_RADIUS)
+            tangents = _smooth_tangents(path, typical)
+            moved = path.copy()
+            for begin in range(int(fixed[0]), len(path) - int(fixed[1]), AT_ONCE):
+                some = slice(begin, min(begin + AT_ONCE, len(path) - int(fixed[1])))
+                moved[some] = self._fitted(path[some], tangents[some])
+                progress.update((number + begin / len(path)) / ROUNDS)
+            path = self._smoothed(moved, fixed)
         return path
-    third = diags([-1.0, 3.0, -3.0, 1.0], [0, 1, 2, 3], shape=(count - 3, count))
-    weights = np.ones(count)
-    weights[[0, -1]] = np.where(fixed, PINNED, 1.0)
-    radii = cloud.radii[rows[tree.query(path)[1]]]
-    step = max(float(places_along(path)[-1]) / (count - 1), 1e-9 * float(radii.max()))
-    stiff = (BEND * radii[1:-2] / (2.0 * np.pi * step)) ** 6
-    system = diags([weights], [0]) + third.T @ diags([np.minimum(stiff, STIFFEST)], [0]) @ third
-    found = np.asarray(spsolve(system.tocsc(), weights[:, None] * path))
-    ends = [k for k, stays in zip((0, -1), fixed, strict=True) if stays]
-    found[ends] = path[ends]
-    return found
+
+    def _radii_near(self, path: FloatArray) -> FloatArray:
+        return self._balls.radii[self._tree.query(path)[1]]
+
+    def _smoothed(self, path: FloatArray, fixed: tuple[bool, bool]) -> FloatArray:
+        """Return a path without bends shorter than `BEND`: of least change of curvature.
+
+        Squares of its distances and of its third differences are least; a circle stays one.
+        """
+        from scipy.sparse import diags
+        from scipy.sparse.linalg import spsolve
+
+        count = len(path)
+        if count < FEWEST:
+            return path
+        third = diags([-1.0, 3.0, -3.0, 1.0], [0, 1, 2, 3], shape=(count - 3, count))
+        weights = np.ones(count)
+        weights[[0, -1]] = np.where(fixed, PINNED, 1.0)
+        radii = self._radii_near(path)
+        step = max(float(places_along(path)[-1]) / (count - 1), 1e-9 * float(radii.max()))
+        stiff = (BEND * radii[1:-2] / (2.0 * np.pi * step)) ** 6
+        system = diags([weights], [0]) + third.T @ diags([np.minimum(stiff, STIFFEST)], [0]) @ third
+        found = np.asarray(spsolve(system.tocsc(), weights[:, None] * path))
+        ends = [k for k, stays in zip((0, -1), fixed, strict=True) if stays]
+        found[ends] = path[ends]
+        return found
+
+    def _fitted(self, places: FloatArray, tangents: FloatArray) -> FloatArray:
+        """Return where the parabolas along tangents that fit wide balls best pass, (k, 3)."""
+        from medialis.curves._section_kernels import Around, fit_parabolas
+
+        away, nearest = self._tree.query(places)
+        radius = self._balls.radii[nearest]
+        # Three spheres hold what lies aside by ASIDE: a third of what one of radius WINDOW holds.
+        ways = radius[:, None, None] * tangents[:, None] * [[-1.0], [0.0], [1.0]]
+        middles = (places[:, None] + ways).reshape(-1, 3)
+        wide = np.repeat(SPHERE * radius, 3)
+        lists = self._tree.query_ball_point(middles, wide, return_sorted=False)
+        starts = np.cumsum([0, *(len(found) for found in lists)])
+        rows = np.fromiter(itertools.chain.from_iterable(lists), np.int64, int(starts[-1]))
+        around = Around(places, np.ascontiguousarray(tangents), radius, starts, rows)
+        moves = np.zeros_like(places)
+        fit_parabolas(around, self._balls, LIMITS, FEWEST, NEGLIGIBLE, moves)
+        lost = (away > WINDOW * radius)[:, None]
+        return np.where(lost, self._balls.centers[nearest], places) + moves
 
 
 def _smooth_tangents(path: FloatArray, radius: float) -> FloatArray:
@@ -283,63 +315,6 @@ def _smooth_tangents(path: FloatArray, radius: float) -> FloatArray:
     before, behind = (np.clip(along + shift, 0.0, along[-1]) for shift in (-radius, radius))
     chord = rows_at(behind, along, path) - rows_at(before, along, path)
     return unit_rows(chord, instead=np.array([1.0, 0.0, 0.0]))
-
-
-def _fitted(
-    cloud: MedialCloud, rows: Index, tree: Any, places: FloatArray, tangents: FloatArray
-) -> FloatArray:
-    """Return where the parabolas along tangents that fit wide balls best pass places, (k, 3).
-
-    All places at once: what belongs to a place are `owner` rows of flat arrays, and for the fits
-    rows of a table (k, b), with zeros where a place has fewer balls.
-    """
-    from medialis.curves._section_kernels import Beside, keep_wide
-
-    away, nearest = tree.query(places)
-    nearest = rows[nearest]
-    radius, count = cloud.radii[nearest], len(places)
-    # Three spheres hold what lies aside by ASIDE: a third of what one of radius WINDOW holds.
-    middles = places[:, None] + radius[:, None, None] * tangents[:, None] * [[-1.0], [0.0], [1.0]]
-    wide = np.repeat(SPHERE * radius, 3)
-    lists = tree.query_ball_point(middles.reshape(-1, 3), wide, return_sorted=False)
-    sizes = np.array([len(found) for found in lists])
-    found = rows[np.concatenate([np.asarray(found, np.int64) for found in lists])]
-    starts = np.concatenate([[0], np.cumsum(sizes)])
-    along, aside, near = np.empty(len(found)), np.empty(len(found)), np.empty(len(found), np.bool_)
-    around = Beside(places, np.ascontiguousarray(tangents), radius, starts, found)
-    keep_wide(around, cloud.centers, cloud.radii, LIMITS, along, aside, near)
-    result = np.where((away > WINDOW * radius)[:, None], cloud.centers[nearest], places)
-    if not near.any():
-        return result
-    owner = np.repeat(np.arange(3 * count) // 3, sizes)[near]
-    found, along, aside = found[near], along[near], aside[near]
-    offsets, radii = cloud.centers[found] - places[owner], cloud.radii[found]
-    weights = (1.0 - (along / WINDOW) ** 2) * (1.0 - (aside / ASIDE) ** 2)
-    weights *= np.maximum(cloud.surface.point_areas[cloud.source[found]], 1e-300)
-    most, sizes = np.zeros(count), np.bincount(owner, minlength=count)
-    np.maximum.at(most, owner, weights)
-    root = np.sqrt(weights / most[owner])[:, None]
-    powers = along[:, None] ** np.arange(3)
-    powers[sizes[owner] < FEWEST, 1:] = 0.0
-    # A ball that touches noise is too small, so it lies towards where it touches: as much on all
-    # sides, of which a bend has more outside. That much is found, and taken away.
-    touching = cloud.surface.points[cloud.source[found]] - cloud.centers[found]
-    column = np.arange(len(owner)) - (np.cumsum(sizes) - sizes)[owner]
-    table = np.zeros((count, sizes.max(), 9))
-    flat = root * np.column_stack([powers, touching / radii[:, None], offsets])
-    table[owner, column] = flat
-    system, towards, wanted = table[..., :3], table[..., 3:6], table[..., 6:]
-    solve = np.linalg.pinv(system, rcond=1e-6)
-    over = towards - system @ (solve @ towards)
-    left = wanted - system @ (solve @ wanted)
-    known = (over * over).sum(axis=(1, 2))
-    share = (over * left).sum(axis=(1, 2)) / np.where(known > 0.0, known, np.inf)
-    fit = (solve @ (wanted - share[:, None, None] * towards))[:, 0]
-    # It moves across the line alone.
-    fit -= np.einsum("ij,ij->i", fit, tangents)[:, None] * tangents
-    moves = (sizes > 0) & (np.linalg.norm(fit, axis=1) <= radius)
-    result[moves] += fit[moves]
-    return result
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -20,8 +20,8 @@ from medialis.base.validation import FloatArray
 from medialis.curves.centerline import (
     Centerlines,
     Inlet,
+    Middle,
     Tract,
-    centered,
     inlets,
     joined,
     nearest_balls,
@@ -152,14 +152,14 @@ def _lines(
     surface, begins = cloud.surface, options.starts
     assert surface.faces is not None
     rows = run_patiently(lambda: shortest(cloud, ends.rows[:begins], ends.rows[begins:]), progress)
-    tree = NearestTree.of_triangles(surface.points, surface.faces)
+    tree, middle = NearestTree.of_triangles(surface.points, surface.faces), Middle(cloud)
     paths = []
     for number, path in enumerate(rows):
         first = ends.middles[int(np.flatnonzero(ends.rows[:begins] == path[0])[0])]
         last = ends.middles[begins + number]
         fixed = bool(np.isfinite(first).all()), bool(np.isfinite(last).all())
         inside = [first[None]] * fixed[0] + [cloud.centers[path]] + [last[None]] * fixed[1]
-        line = centered(cloud, np.concatenate(inside), fixed, progress.still)
+        line = middle.line(np.concatenate(inside), fixed, progress.still)
         line = resampled(line, options.step * surface.diagonal, MOST_PLACES)
         paths.append(line)
         progress.update((number + 1) / len(rows))
