@@ -52,6 +52,9 @@ FLAT = 1.5  # halved 100 %, doubled 0 %
 CLEAR = 6.0
 """What the best way to tell limbs apart may cost."""
 
+MOST_COST = 4 * CLEAR
+"""From which on a way is absurd; whatever else is told of it adds to that."""
+
 DISTINCT = 1.5  # halved 0 %, doubled 0 %
 """How much more each way must cost that gives the parts to others."""
 
@@ -179,6 +182,8 @@ class _Tree:
             weights = surface.point_areas[told]
             self.areas = np.bincount(own[told], weights, len(curve.nodes)).astype(np.float64)
         self.ways: dict[tuple[int, int], list[int]] = {}
+        self.lengths: dict[tuple[int, int], float] = {}
+        self.meetings: dict[tuple[int, int, int], int] = {}
         self.known: dict[tuple[int, ...], Tip] = {}
         self.beside: dict[int, set[int]] = {self.root: set()}
         for node in np.flatnonzero(curve.components == largest).tolist():
@@ -208,8 +213,11 @@ class _Tree:
 
     def apart(self, a: int, b: int) -> float:
         """Return the length of the way between two nodes."""
-        points = self.curve.nodes[self.between(a, b)]
-        return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        if (a, b) not in self.lengths:
+            points = self.curve.nodes[self.between(a, b)]
+            steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+            self.lengths[a, b] = float(steps.sum())
+        return self.lengths[a, b]
 
     def tips(self) -> list[Tip]:
         """Return the branches that are long enough."""
@@ -237,8 +245,11 @@ class _Tree:
 
     def meeting(self, a: int, b: int, c: int) -> int:
         """Return the node at which the ways between three others meet."""
-        known = set(self.between(a, c))
-        return [*itertools.takewhile(lambda node: node in known, self.between(a, b))][-1]
+        if (a, b, c) not in self.meetings:
+            known = set(self.between(a, c))
+            common = itertools.takewhile(lambda node: node in known, self.between(a, b))
+            self.meetings[a, b, c] = [*common][-1]
+        return self.meetings[a, b, c]
 
     def without_ears(self, way: list[int], limbs: set[int], across: FloatArray) -> list[int]:
         """Return the way to a head: to where it parts into two ears, if it does so.
@@ -413,21 +424,25 @@ def _weighed(tree: _Tree, tips: list[Tip]) -> list[_Parts]:
     for front in itertools.combinations(range(n), 2):
         for hind in itertools.combinations(sorted(set(range(n)) - set(front)), 2):
             body = _body(tree, tips, apart, (front, hind))
-            if body is None:
+            if body is None or body.cost >= MOST_COST:
                 continue
             rest = sorted(set(range(n)) - set(front) - set(hind))
             for head in rest:
                 twin = _other_ear(tree, tips, body, head, rest)
                 top = tips[head] if twin < 0 else _between_ears(tree, tips, body, (head, twin))
                 against = body.against | _against_head(top, apart, body, head)
+                if sum(against.values()) >= MOST_COST:
+                    continue
                 for tail in (-1, *(k for k in rest if k not in (head, twin))):
                     others = [tips[k].length for k in rest if k not in (head, twin, tail)]
                     more = float(sum((length / body.leg / 0.35) ** 2 for length in others))
                     full = against | {"others": more}
+                    if sum(full.values()) >= MOST_COST:
+                        continue
                     if tail >= 0:
                         full |= _against_tail(tips, apart, body, top, tail)
                     parts = replace(body, head=head, tail=tail, against=full)
-                    if parts.cost < 4 * CLEAR:
+                    if parts.cost < MOST_COST:
                         found.append(parts)
     return found
 
@@ -449,7 +464,7 @@ def _body(
             ratio = getattr(pair[0], name) / max(getattr(pair[1], name), 1e-300)
             against[f"{name} of {word}"] = min((np.log(ratio) / ALIKE_LENGTHS) ** 2, MOST_UNLIKE)
         against[f"flat {word}"] = _flat(pair[0].flatness + pair[1].flatness)
-    if sum(against.values()) > 4 * CLEAR:
+    if sum(against.values()) > MOST_COST:
         return None
     front, hind = (np.array([tip.base for tip in pair]) for pair in (arms, legs))
     trunk = front.mean(axis=0) - hind.mean(axis=0)
