@@ -266,14 +266,17 @@ def nearest_others(
     near, distance = np.empty((n, columns), np.int32), np.empty((n, columns))
     if columns == 0:
         return near, distance
-    tree = run_patiently(
-        lambda: build_box_tree(points, np.zeros_like(points), allocate=_exactly), still
-    )
+    tree = run_patiently(lambda: exact_box_tree(points), still)
     chunks = len(tree.blocks), NEIGHBOUR_LEAVES_A_CHUNK
     run_chunks(kernels.nearest_in_tree, *chunks, tree, distance, near, progress=progress)
     return near, distance
 
 
+def exact_box_tree(points: NDArray[np.float64]) -> BoxTree:
+    """Build a tree without normals, for points closer than bounds in single precision tell."""
+    return build_box_tree(points, np.zeros_like(points), allocate=_exactly)
+
+
 def _exactly(name: str, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
-    """Give an array; bounds in double precision, for points closer than single can tell."""
+    """Give an array; bounds in double precision."""
     return np.empty(shape, np.float64 if name == "bounds" else dtype)

@@ -8,8 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base._box_tree_kernels import FAN, box_distance2
 from medialis.base._kernels import find_root, join
 from medialis.base.jit import kernel
+
+NEGLIGIBLE = 1e-6
+"""Share of the constant that a power along a line must have: else the balls lie at one or two
+places along it."""
 
 
 class Mesh(NamedTuple):
@@ -158,34 +163,27 @@ def measure_outlines(begin, end, mesh, places, frames, once, ways, out_measures)
         out_measures[i, 0], out_measures[i, 1], out_measures[i, 2] = abs(area) / 2.0, least, most
 
 
-class Around(NamedTuple):
-    """Balls near each of k places along a line, in three spheres: behind, at and before the place.
-
-    Those of sphere s of place i are ``rows[starts[3 * i + s]:starts[3 * i + s + 1]]``, and so are
-    those of its neighbours: a ball counts in the sphere whose middle is the nearest along the line.
+class Line(NamedTuple):
+    """Places along a line.
 
     Attributes
     ----------
     places, tangents : (k, 3) float64
+        Places are relative to the center of the tree of balls.
     radii : (k,) float64
         The unit of lengths at each place.
-    starts : (3 k + 1,) int64
-    rows : (f,) int64
     """
 
     places: NDArray[np.float64]
     tangents: NDArray[np.float64]
     radii: NDArray[np.float64]
-    starts: NDArray[np.int64]
-    rows: NDArray[np.int64]
 
 
 class Balls(NamedTuple):
-    """Balls that a line may lie among.
+    """Balls that a line may lie among, in the order of the tree of their centers.
 
     Attributes
     ----------
-    centers : (n, 3) float64
     radii : (n,) float64
     touching : (n, 3) float64
         Unit vectors to the samples.
@@ -193,36 +191,43 @@ class Balls(NamedTuple):
         Of the samples.
     """
 
-    centers: NDArray[np.float64]
     radii: NDArray[np.float64]
     touching: NDArray[np.float64]
     areas: NDArray[np.float64]
 
 
 @kernel
-def _keep_wide(around, i, balls, limits, kept, table):
+def _wide_balls(line, i, tree, balls, limits, stack, kept, table):
     """Write which balls count for place i, and of each how far along and aside; return how many."""
-    unit, largest, sphere, count = around.radii[i], 0.0, 0, 0
-    x, y, z = around.tangents[i]
-    for row in range(around.starts[3 * i], around.starts[3 * i + 3]):
-        while row >= around.starts[3 * i + sphere + 1]:
-            sphere += 1
-        ball = around.rows[row]
-        off_x = balls.centers[ball, 0] - around.places[i, 0]
-        off_y = balls.centers[ball, 1] - around.places[i, 1]
-        off_z = balls.centers[ball, 2] - around.places[i, 2]
-        share = (off_x * x + off_y * y + off_z * z) / unit
-        length = unit * share
-        off_x, off_y, off_z = off_x - length * x, off_y - length * y, off_z - length * z
-        away = math.sqrt(off_x * off_x + off_y * off_y + off_z * off_z) / unit
-        if not (share * share + away * away < limits[0] * limits[0] and away < limits[1]):
-            continue
-        if math.floor(share + 1.5) != sphere:
-            continue
-        if abs(share) < limits[2]:
-            largest = max(largest, balls.radii[ball])
-        kept[count], table[0, count], table[1, count] = ball, share, away
-        count += 1
+    unit, largest, count = line.radii[i], 0.0, 0
+    px, py, pz = line.places[i]
+    x, y, z = line.tangents[i]
+    reach, n = limits[0] * unit, len(tree.points)
+    stack[0], top = 0, 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        for j in range(FAN):
+            if not box_distance2(tree.bounds[node], j, px, py, pz) < reach * reach:
+                continue
+            base = tree.child[node]
+            if base >= 0:
+                stack[top] = base + j
+                top += 1
+                continue
+            leaf = ~base + j
+            for ball in range((n * leaf) >> tree.depth, (n * (leaf + 1)) >> tree.depth):
+                off_x, off_y = tree.points[ball, 0] - px, tree.points[ball, 1] - py
+                off_z = tree.points[ball, 2] - pz
+                share = (off_x * x + off_y * y + off_z * z) / unit
+                length = unit * share
+                off_x, off_y, off_z = off_x - length * x, off_y - length * y, off_z - length * z
+                away = math.sqrt(off_x * off_x + off_y * off_y + off_z * off_z) / unit
+                if share * share + away * away < limits[0] * limits[0] and away < limits[1]:
+                    kept[count], table[0, count], table[1, count] = ball, share, away
+                    count += 1
+                    if abs(share) < limits[2]:
+                        largest = max(largest, balls.radii[ball])
     wide = 0
     for k in range(count):
         if balls.radii[kept[k]] >= limits[3] * largest:
@@ -246,7 +251,7 @@ def _take_out(table, i, j, share, count):
 
 
 @kernel
-def _constant(table, powers, count, negligible, out):
+def _constant(table, powers, count, out):
     """Least squares of rows 3 to 8 of a table by its first three, whose order is that of powers.
 
     Rows that depend on those before count for nothing. `out` (6,) receives what row 0 has to do
@@ -254,12 +259,11 @@ def _constant(table, powers, count, negligible, out):
     """
     upper, share = np.zeros((3, 3)), np.zeros((3, 6))
     for i in range(powers):
-        size = math.sqrt(_product(table, i, i, count))
         for j in range(i):
             upper[j, i] = _product(table, j, i, count)
             _take_out(table, j, i, upper[j, i], count)
         upper[i, i] = math.sqrt(_product(table, i, i, count))
-        if not upper[i, i] > negligible * size:
+        if not upper[i, i] > NEGLIGIBLE * upper[0, 0]:
             upper[i, i] = math.inf
         for k in range(count):
             table[i, k] /= upper[i, i]
@@ -275,33 +279,31 @@ def _constant(table, powers, count, negligible, out):
 
 
 @kernel
-def fit_parabolas(around, balls, limits, fewest, negligible, out_moves):
-    """Fit parabolas along tangents to the wide balls round places, by least squares.
+def fit_parabolas(begin, end, line, tree, balls, limits, fewest, out_moves):
+    """Fit parabolas along tangents to the wide balls round places begin..end, by least squares.
 
     A ball that touches noise is too small, so it lies towards where it touches: as much on all
     sides, of which a bend has more outside. That much is found, and taken away.
 
     Parameters
     ----------
-    around : Around
+    line : Line
+    tree : BoxTree
+        Of centers, with bounds in float64.
     balls : Balls
     limits : (4,) float64
         How far off and aside a ball may lie; how far along it is compared with others, and the
         share of the radius of the largest of these that it has at least.
     fewest : int
         Balls that a parabola is fitted to; where there are fewer, a mean is taken.
-    negligible : float
-        Share of a power that is none.
     out_moves : (k, 3) float64
         How far the parabola passes from each place, across the tangent; as it was where there are
         no balls, or it is more than a radius.
     """
-    most = 0
-    for i in range(len(around.places)):
-        most = max(most, around.starts[3 * i + 3] - around.starts[3 * i])
-    kept, table, found = np.empty(most, np.int64), np.empty((9, most)), np.empty(6)
-    for i in range(len(around.places)):
-        count = _keep_wide(around, i, balls, limits, kept, table)
+    n, stack, found = len(tree.points), np.empty(8 * 12 + 8, np.int64), np.empty(6)
+    kept, table = np.empty(n, np.int64), np.empty((9, n))
+    for i in range(begin, end):
+        count = _wide_balls(line, i, tree, balls, limits, stack, kept, table)
         if count == 0:
             continue
         heaviest = 0.0
@@ -315,8 +317,8 @@ def fit_parabolas(around, balls, limits, fewest, negligible, out_moves):
             table[0, k], table[1, k], table[2, k] = root, root * along, root * along * along
             for c in range(3):
                 table[3 + c, k] = root * balls.touching[ball, c]
-                table[6 + c, k] = root * (balls.centers[ball, c] - around.places[i, c])
-        _constant(table, 3 if count >= fewest else 1, count, negligible, found)
+                table[6 + c, k] = root * (tree.points[ball, c] - line.places[i, c])
+        _constant(table, 3 if count >= fewest else 1, count, found)
         known = left = 0.0
         for c in range(3):
             known += _product(table, 3 + c, 3 + c, count)
@@ -325,10 +327,10 @@ def fit_parabolas(around, balls, limits, fewest, negligible, out_moves):
         along = size = 0.0
         for c in range(3):
             found[3 + c] -= share * found[c]
-            along += found[3 + c] * around.tangents[i, c]
+            along += found[3 + c] * line.tangents[i, c]
         for c in range(3):  # it moves across the line alone
-            found[3 + c] -= along * around.tangents[i, c]
+            found[3 + c] -= along * line.tangents[i, c]
             size += found[3 + c] * found[3 + c]
-        if math.sqrt(size) <= around.radii[i]:
+        if math.sqrt(size) <= line.radii[i]:
             for c in range(3):
                 out_moves[i, c] = found[3 + c]

@@ -15,7 +15,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,9 +30,10 @@ from medialis.base.arrays import (
     rows_at,
     unit_rows,
 )
-from medialis.base.box_tree import NearestTree
+from medialis.base.box_tree import NearestTree, exact_box_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
+from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, Positions
 from medialis.skeleton.medial_cloud import MedialCloud
 
@@ -69,9 +69,6 @@ LIMITS = np.array([WINDOW, ASIDE, 0.5, WIDE])
 """Of a sheet the widest ridge counts; a ball is compared with those half a radius before and behind
 it."""
 
-SPHERE = 1.001 * math.hypot(0.5, ASIDE)
-"""Radii of spheres a radius apart, which hold all balls that count."""
-
 BEND = 3.0
 """Radii: bends shorter than this are smoothed."""
 
@@ -84,14 +81,10 @@ PINNED = 1e6
 ROUNDS = 3
 """Times that a line is laid in the middle, each from where it lies."""
 
-AT_ONCE = 64
-"""Places of a line that are laid in the middle together."""
+PLACES_A_CHUNK = 16
 
 FEWEST = 6
 """Balls that a parabola is fitted to; where there are fewer, a mean is taken."""
-
-NEGLIGIBLE = 1e-6
-"""Share of a power along the line that is none: the balls lie at one or two places along it."""
 
 ONE_LINE = 0.1
 """Radii: lines from the same place are one as long as they lie this near to each other."""
@@ -229,11 +222,13 @@ class Middle:
         from medialis.curves._section_kernels import Balls
 
         rows, surface = np.flatnonzero(cloud.valid), cloud.surface
-        centers, radii, source = cloud.centers[rows], cloud.radii[rows], cloud.source[rows]
+        centers, self._radii = cloud.centers[rows], cloud.radii[rows]
+        self._near = kd_tree(centers)
+        self._tree = exact_box_tree(centers)
+        source = cloud.source[rows]
         touching = unit_rows(surface.points[source] - centers)
         areas = np.maximum(surface.point_areas[source], 1e-300)
-        self._balls = Balls(centers, radii, touching, areas)
-        self._tree = kd_tree(centers)
+        self._balls = Balls(*(x[self._tree.order] for x in (self._radii, touching, areas)))
 
     def line(self, path: FloatArray, fixed: tuple[bool, bool], progress: Progress) -> FloatArray:
         """Lay a path through centers of balls in the middle of the balls round it.
@@ -255,16 +250,14 @@ class Middle:
         for number in range(ROUNDS):
             path = resampled(path, typical / STEPS_A_RADIUS)
             tangents = _smooth_tangents(path, typical)
-            moved = path.copy()
-            for begin in range(int(fixed[0]), len(path) - int(fixed[1]), AT_ONCE):
-                some = slice(begin, min(begin + AT_ONCE, len(path) - int(fixed[1])))
-                moved[some] = self._fitted(path[some], tangents[some])
-                progress.update((number + begin / len(path)) / ROUNDS)
+            inner, moved = slice(int(fixed[0]), len(path) - int(fixed[1])), path.copy()
+            moved[inner] = self._fitted(path[inner], tangents[inner], progress)
             path = self._smoothed(moved, fixed)
+            progress.update((number + 1) / ROUNDS)
         return path
 
     def _radii_near(self, path: FloatArray) -> FloatArray:
-        return self._balls.radii[self._tree.query(path)[1]]
+        return self._radii[self._near.query(path)[1]]
 
     def _smoothed(self, path: FloatArray, fixed: tuple[bool, bool]) -> FloatArray:
         """Return a path without bends shorter than `BEND`: of least change of curvature.
@@ -289,24 +282,18 @@ class Middle:
         found[ends] = path[ends]
         return found
 
-    def _fitted(self, places: FloatArray, tangents: FloatArray) -> FloatArray:
+    def _fitted(self, places: FloatArray, tangents: FloatArray, progress: Progress) -> FloatArray:
         """Return where the parabolas along tangents that fit wide balls best pass, (k, 3)."""
-        from medialis.curves._section_kernels import Around, fit_parabolas
+        from medialis.curves._section_kernels import Line, fit_parabolas
 
-        away, nearest = self._tree.query(places)
-        radius = self._balls.radii[nearest]
-        # Three spheres hold what lies aside by ASIDE: a third of what one of radius WINDOW holds.
-        ways = radius[:, None, None] * tangents[:, None] * [[-1.0], [0.0], [1.0]]
-        middles = (places[:, None] + ways).reshape(-1, 3)
-        wide = np.repeat(SPHERE * radius, 3)
-        lists = self._tree.query_ball_point(middles, wide, return_sorted=False)
-        starts = np.cumsum([0, *(len(found) for found in lists)])
-        rows = np.fromiter(itertools.chain.from_iterable(lists), np.int64, int(starts[-1]))
-        around = Around(places, np.ascontiguousarray(tangents), radius, starts, rows)
+        away, nearest = self._near.query(places)
+        radii, tree = self._radii[nearest], self._tree
+        line = Line(places - tree.center, np.ascontiguousarray(tangents), radii)
         moves = np.zeros_like(places)
-        fit_parabolas(around, self._balls, LIMITS, FEWEST, NEGLIGIBLE, moves)
-        lost = (away > WINDOW * radius)[:, None]
-        return np.where(lost, self._balls.centers[nearest], places) + moves
+        given = line, tree, self._balls, LIMITS, FEWEST, moves
+        run_chunks(fit_parabolas, len(places), PLACES_A_CHUNK, *given, progress=progress.still)
+        lost = away > WINDOW * radii
+        return np.where(lost[:, None], self._near.data[nearest], places) + moves
 
 
 def _smooth_tangents(path: FloatArray, radius: float) -> FloatArray:
