@@ -71,9 +71,11 @@ SEARCHES_A_CHUNK = 16  # halved 0 %, doubled 0 %
 """Along edges."""
 
 SETTLED_FIRST = 4
-"""Vertices that the first searches along edges may look at in all, for each one of the shape. Round
-a hole one ends soon; between the sides of a wall it would look at most of the shape, and one from a
-landmark serves all pairs there."""
+"""Vertices that the first searches along edges may look at in all, for each one of the shape."""
+
+SOON_FOUND = 0.1
+"""Share of pairs found by which more may look at four times as many. Round a hole one ends soon;
+between the sides of a wall it looks at most of the shape, and one from a landmark serves all."""
 
 SETTLED_LAST = 2_000_000
 """Vertices that the last ones may look at in all, for pairs that no landmark is on the way of."""
@@ -290,16 +292,14 @@ def trace(
         out = cut_by_planes(shape, ends, directions, progress, following)
         if following and (shape.edge_twins < 0).any():
             _along_borders(shape, ends, out, progress.still)
-    components = shape.components
-    starts, goals = ends.T
+    joined = np.equal(*shape.components[ends].T) & (ends >= 0).all(axis=1)
     with progress.stage("edge paths", 0.9, 1.0):
-        lost = out.status == PathStatus.NONE
-        lost &= (ends >= 0).all(axis=1) & (components[starts] == components[goals])
-        rows = np.flatnonzero(lost)
-        with progress.stage("edge paths", 0.0, 0.1):
-            most = _share(shape, SETTLED_FIRST * shape.point_count, rows)
-            _follow_edges(shape, ends, rows, most, out, progress)
-        rows = rows[out.status[rows] == PathStatus.NONE]
+        rows, found = np.flatnonzero((out.status == PathStatus.NONE) & joined), math.inf
+        most = SETTLED_FIRST * shape.point_count
+        while found > SOON_FOUND * len(rows):
+            _follow_edges(shape, ends, rows, _share(shape, most, rows), out, progress.still)
+            left = rows[out.status[rows] == PathStatus.NONE]
+            found, rows, most = len(rows) - len(left), left, 4 * most
         with progress.stage("edge paths", 0.1, 0.5):
             rows = _through_landmarks(shape, ends, rows, out, progress)
         with progress.stage("edge paths", 0.5, 0.9):
