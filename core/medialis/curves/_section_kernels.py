@@ -12,6 +12,9 @@ from medialis.base._box_tree_kernels import FAN, box_distance2
 from medialis.base._kernels import find_root, join
 from medialis.base.jit import kernel
 
+BLOCK = 32
+"""Faces that are passed over together."""
+
 NEGLIGIBLE = 1e-6
 """Share of the constant that a power along a line must have: else the balls lie at one or two
 places along it."""
@@ -28,18 +31,30 @@ class Mesh(NamedTuple):
         The edge of each half-edge.
     edges : int
         How many there are.
+    spheres : (b, 4) float64
+        Middle and radius of one round each block of `BLOCK` faces.
     """
 
     points: NDArray[np.float64]
     faces: NDArray[np.int32]
     edge_of: NDArray[np.int32]
     edges: int
+    spheres: NDArray[np.float64]
 
 
 @kernel
-def _cross(mesh, place, frame, low, high, heights):
+def _height(points, v, place, frame):
+    total = 0.0
+    for k in range(3):
+        total += (points[v, k] - place[k]) * frame[2, k]
+    return total
+
+
+@kernel
+def _cross(mesh, place, frame, low, high):
     """Place in the plane, by its frame, where the edge from one vertex to another meets it."""
-    share = heights[low] / (heights[low] - heights[high])
+    height = _height(mesh.points, low, place, frame)
+    share = height / (height - _height(mesh.points, high, place, frame))
     x, y = 0.0, 0.0
     for k in range(3):
         start = mesh.points[low, k] - place[k]
@@ -50,33 +65,40 @@ def _cross(mesh, place, frame, low, high, heights):
 
 
 @kernel
-def _cut(mesh, place, frame, heights, number, crossings, segments):
+def _cut(mesh, place, frame, number, crossings, segments):
     """Cut triangles; return how many crossings and segments there are.
 
     Each cut triangle is entered where an edge leads down, and left where one leads up: `segments`
     (m, 2) are the crossings there, `crossings` (c, 2) their places, `number` (e,) the crossing of
-    each edge, -1 before.
+    each edge, -1 before and after. Blocks of faces on one side of the plane are not looked at.
     """
     count = cut = 0
-    for f in range(len(mesh.faces)):
-        here0 = heights[mesh.faces[f, 0]] > 0.0
-        here1 = heights[mesh.faces[f, 1]] > 0.0
-        here2 = heights[mesh.faces[f, 2]] > 0.0
-        if here0 == here1 and here1 == here2:
+    for block in range(len(mesh.spheres)):
+        if abs(_height(mesh.spheres, block, place, frame)) > mesh.spheres[block, 3]:
             continue
-        for k in range(3):
-            a, b = mesh.faces[f, k], mesh.faces[f, (k + 1) % 3]
-            above = heights[a] > 0.0
-            if above == (heights[b] > 0.0):
+        for f in range(block * BLOCK, min((block + 1) * BLOCK, len(mesh.faces))):
+            here0 = _height(mesh.points, mesh.faces[f, 0], place, frame) > 0.0
+            here1 = _height(mesh.points, mesh.faces[f, 1], place, frame) > 0.0
+            here2 = _height(mesh.points, mesh.faces[f, 2], place, frame) > 0.0
+            if here0 == here1 and here1 == here2:
                 continue
-            edge = mesh.edge_of[3 * f + k]
-            if number[edge] < 0:
-                number[edge] = count
-                x, y = _cross(mesh, place, frame, min(a, b), max(a, b), heights)
-                crossings[count, 0], crossings[count, 1] = x, y
-                count += 1
-            segments[cut, 0 if above else 1] = number[edge]
-        cut += 1
+            above = here0
+            for k in range(3):
+                onward = here1 if k == 0 else (here2 if k == 1 else here0)
+                if above != onward:
+                    a, b = mesh.faces[f, k], mesh.faces[f, (k + 1) % 3]
+                    edge = mesh.edge_of[3 * f + k]
+                    if number[edge] < 0:
+                        number[edge] = count
+                        x, y = _cross(mesh, place, frame, min(a, b), max(a, b))
+                        crossings[count, 0], crossings[count, 1] = x, y
+                        crossings[count, 2] = edge
+                        count += 1
+                    segments[cut, 0 if above else 1] = number[edge]
+                above = onward
+            cut += 1
+    for k in range(count):
+        number[int(crossings[k, 2])] = -1
     return count, cut
 
 
@@ -114,7 +136,7 @@ def _innermost(crossings, segments, parent, state, once):
 
 
 @kernel
-def measure_outlines(begin, end, mesh, places, frames, once, ways, out_measures):
+def measure_across(begin, end, mesh, places, frames, once, ways, out_measures):
     """Measure the outlines round places.
 
     Parameters
@@ -130,18 +152,12 @@ def measure_outlines(begin, end, mesh, places, frames, once, ways, out_measures)
     out_measures : (k, 3) float64
         Area, least and largest width; as it was where no closed outline goes round.
     """
-    heights, number = np.empty(len(mesh.points)), np.full(mesh.edges, -1, np.int32)
-    crossings = np.empty((mesh.edges, 2))
+    number, crossings = np.full(mesh.edges, -1, np.int32), np.empty((mesh.edges, 3))
     segments = np.empty((len(mesh.faces), 2), np.int32)
     parent, state = np.empty(mesh.edges, np.int32), np.empty((mesh.edges, 3))
     for i in range(begin, end):
         place, frame = places[i], frames[i]
-        for v in range(len(heights)):
-            heights[v] = 0.0
-            for k in range(3):
-                heights[v] += (mesh.points[v, k] - place[k]) * frame[2, k]
-        count, cut = _cut(mesh, place, frame, heights, number, crossings, segments)
-        number[:] = -1
+        count, cut = _cut(mesh, place, frame, number, crossings, segments)
         root = _innermost(crossings[:count], segments[:cut], parent, state, once)
         if root < 0:
             continue

@@ -24,6 +24,9 @@ ONCE = 0.5
 
 PLACES_A_CHUNK = 16
 
+ROUNDING = 1e-12
+"""Share of the largest coordinate that spheres round triangles are larger by."""
+
 
 def sections(
     surface: Surface, places: FloatArray, normals: FloatArray, progress: Progress
@@ -46,14 +49,15 @@ def sections(
 
     Notes
     -----
-    Cost O(k (n + m)).
+    Cost O(k m / 32), and what the planes cut.
     """
-    from medialis.curves._section_kernels import Mesh, measure_outlines
+    from medialis.curves._section_kernels import BLOCK, Mesh, measure_across
 
     assert surface.faces is not None
     table = surface.edge_table
     edge_of = table.edge_of.astype(np.int32)
-    mesh = Mesh(np.array(surface.points), np.array(surface.faces), edge_of, len(table.ends))
+    points, faces = np.array(surface.points), np.array(surface.faces)
+    mesh = Mesh(points, faces, edge_of, len(table.ends), _spheres(points[faces], BLOCK))
     across = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
     across = unit_rows(np.cross(normals, across))
     frames = np.stack([across, np.cross(normals, across), normals], axis=1)
@@ -61,5 +65,15 @@ def sections(
     ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     found = np.full((len(places), 3), np.nan)
     given = mesh, np.array(places), frames, ONCE, ways, found
-    run_chunks(measure_outlines, len(places), PLACES_A_CHUNK, *given, progress=progress)
+    run_chunks(measure_across, len(places), PLACES_A_CHUNK, *given, progress=progress)
     return found
+
+
+def _spheres(corners: FloatArray, size: int) -> FloatArray:
+    """Return middle and radius of a sphere round each block of so many triangles (m, 3, 3)."""
+    first = np.arange(0, len(corners), size)
+    low = np.minimum.reduceat(corners.min(axis=1), first)
+    high = np.maximum.reduceat(corners.max(axis=1), first)
+    middle = (low + high) / 2.0
+    radius = np.linalg.norm(high - middle, axis=1)
+    return np.column_stack([middle, radius + ROUNDING * np.abs(corners).max()])
