@@ -30,7 +30,7 @@ from medialis.base.arrays import (
     rows_at,
     unit_rows,
 )
-from medialis.base.box_tree import NearestTree, exact_box_tree
+from medialis.base.box_tree import NearestTree, exact_box_tree, nearest_others
 from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
@@ -47,7 +47,7 @@ LEAP = 10.0
 CELL = 0.25
 """Radii of the cells in each of which the widest ball is linked to others."""
 
-NEAR = 24
+NEAR = 23
 """Wide balls that each one is linked to, at most."""
 
 STEPS_A_RADIUS = 4.0
@@ -190,10 +190,10 @@ def _links(cloud: MedialCloud) -> Index:
     wide = rows[np.sort(order[first])]
     if len(wide) < 2:
         return edges
-    away, near = kd_tree(cloud.centers[wide]).query(cloud.centers[wide], min(NEAR, len(wide)))
+    near, away = nearest_others(cloud.centers[wide], NEAR)
     one, other = np.repeat(wide, near.shape[1]), wide[near.ravel()]
     inside = away.ravel() < np.maximum(cloud.radii[one], cloud.radii[other])
-    more = np.stack([one, other], axis=1)[inside & (one != other)]
+    more = np.stack([one, other], axis=1)[inside]
     pairs = np.concatenate([edges, more])
     low, high = np.minimum(*pairs.T), np.maximum(*pairs.T)
     keys = distinct(low * np.int64(len(cloud)) + high)
