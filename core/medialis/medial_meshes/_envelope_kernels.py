@@ -42,8 +42,14 @@ shifts of the foot (2), sqrt(1 - g^2), and the sides 01, 12, 02."""
 ROUND = SIDES + 3 * SIDE
 """Column where the middle (3) and the radius of a ball begin that holds the primitive."""
 
-WIDTH = ROUND + 4
+CORNERS = ROUND + 4
+"""Column where its balls begin (3 x 4), the first one in the place of those that it has not."""
+
+WIDTH = CORNERS + 12
 """Numbers of a primitive."""
+
+ROUNDED = 1e-12
+"""More than rounding: what a plane tells to be no nearer is no nearer."""
 
 
 class Tree(NamedTuple):
@@ -249,19 +255,34 @@ def _prepare_round(balls, row, out):
     for d in range(3):
         out[d] /= count
     for k in range(3):
-        if row[k] >= 0:
-            square = 0.0
-            for d in range(3):
-                square += (balls[row[k], d] - out[d]) ** 2
-            out[3] = max(out[3], np.sqrt(square) + balls[row[k], 3])
+        own = row[k] if row[k] >= 0 else row[0]
+        square, first = 0.0, CORNERS - ROUND + 4 * k
+        for d in range(3):
+            square += (balls[own, d] - out[d]) ** 2
+        out[3] = max(out[3], np.sqrt(square) + balls[own, 3])
+        for d in range(4):
+            out[first + d] = balls[own, d]
 
 
 @kernel
 def is_beyond(p, table, s, limit):
-    """Tell that primitive s is no nearer than `limit`, if the ball round it says so."""
+    """Tell that primitive s is no nearer than `limit`, if the ball round it says so, or a plane.
+
+    The plane stands upright on the way from the middle to the place. Where it has all balls behind
+    it, none nearer than the limit, it has what is between them.
+    """
     x, y, z = p[0] - table[s, ROUND], p[1] - table[s, ROUND + 1], p[2] - table[s, ROUND + 2]
-    reach = limit + table[s, ROUND + 3]
-    return reach <= 0.0 or x * x + y * y + z * z >= reach * reach
+    reach, square = limit + table[s, ROUND + 3], x * x + y * y + z * z
+    if reach <= 0.0 or square >= reach * reach:
+        return True
+    length = np.sqrt(square)
+    limit += ROUNDED * (length + table[s, ROUND + 3])
+    for k in range(CORNERS, WIDTH, 4):
+        along = x * (p[0] - table[s, k]) + y * (p[1] - table[s, k + 1])
+        along += z * (p[2] - table[s, k + 2])
+        if not along > (limit + table[s, k + 3]) * length:  # nor where a limit is infinite
+            return False
+    return True
 
 
 @kernel
@@ -461,14 +482,19 @@ def _best_of(p, table, rows, near, values, movement, shares, out_shares):
 
 
 @kernel
+def _is_in(near, row):
+    found = False
+    for i in range(len(near)):
+        found = found or near[i] == row
+    return found
+
+
+@kernel
 def _enter(row, value, near, values):
     """Put an item into a list of the nearest where it belongs, unless it is there."""
     j, length = len(near), len(near)
-    if value >= values[length - 1]:
+    if value >= values[length - 1] or _is_in(near, row):
         return
-    for i in range(length):
-        if near[i] == row:
-            return
     while j > 0 and value < values[j - 1]:
         if j < length:
             near[j], values[j] = near[j - 1], values[j - 1]
@@ -502,7 +528,7 @@ def _list_nearest(p, table, tree, stack, lows, shares, before, near, values):
         leaf = node - leaves
         for i in range((n * leaf) >> depth, (n * (leaf + 1)) >> depth):
             row = order[i]
-            if not is_beyond(p, table, row, values[last]):
+            if not is_beyond(p, table, row, values[last]) and not _is_in(near, row):
                 _enter(row, primitive_distance(p, table, row, shares), near, values)
     return values[last]
 
