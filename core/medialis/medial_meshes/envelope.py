@@ -62,8 +62,11 @@ CUBE = np.array(list(itertools.product((0, 1), repeat=3)))
 """Corners of a cell, (8, 3); corner 4 x + 2 y + z."""
 
 
-def box_tree(corners: FloatArray, radii: FloatArray | None = None) -> Tree:
-    """Return a tree over items with these corners (n, k, 3), each with its largest radius."""
+def box_tree(corners: FloatArray, radii: FloatArray | None = None, axes: int = 3) -> Tree:
+    """Return a tree over items with these corners (n, k, 3), each with its largest radius.
+
+    Boxes are halved along the first `axes` only: of two, for lines along the third.
+    """
     from medialis.medial_meshes._envelope_kernels import split_items
 
     n = len(corners)
@@ -71,6 +74,7 @@ def box_tree(corners: FloatArray, radii: FloatArray | None = None) -> Tree:
     while (n - 1) >> depth >= LEAF:
         depth += 1
     order, middles = np.arange(n), 0.5 * (corners.min(axis=1) + corners.max(axis=1))
+    middles[:, axes:] = 0.0
     split_items(middles, depth, order, np.empty(n))
     return _bounded(order, depth, corners, np.zeros(n) if radii is None else radii)
 

@@ -131,36 +131,46 @@ class Solid:
 
     @cached_property
     def _seen(self) -> list[tuple[FloatArray, Tree]]:
-        """The vertices seen along three directions (one if closed), with trees of their faces."""
+        """The vertices seen along three directions (one if closed), with trees of their faces.
+
+        A ray both ways meets boxes at any height; one that goes up leaves out those below.
+        """
         turns = [np.roll(np.arange(3), axis) for axis in range(1 if self.whole else 3)]
         views = [(self.points @ VIEW)[:, turn] for turn in turns]
-        return [(frozen(view, np.float64), box_tree(view[self.faces])) for view in views]
+        axes = 3 if self.whole else 2
+        return [(frozen(view, np.float64), box_tree(view[self.faces], axes=axes)) for view in views]
 
     @cached_property
     def tree(self) -> Tree:
         """The tree of the faces."""
         return box_tree(self.points[self.faces])
 
-    def winding(self, places: FloatArray) -> FloatArray:
-        """Return how often the surface is wound round each place (q, 3), (q,).
+    def contains(self, places: FloatArray) -> Mask:
+        """Tell which places (q, 3) are inside, (q,): those that the surface is wound round.
 
-        Of a closed mesh a whole number, of an open one the median of six rays.
+        How often is a whole number for a closed mesh, for an open one the median of six rays: where
+        four of them agree, the others change nothing.
         """
+        counts = self._crossings(places, slice(2))
+        inside = np.asarray((counts > INSIDE).all(axis=1))
+        if not self.whole:
+            unsure = np.flatnonzero(~inside & (counts > INSIDE).any(axis=1))
+            more = self._crossings(places[unsure], slice(2, 3))
+            median = np.median(np.concatenate([counts[unsure], more], axis=1), axis=1)
+            inside[unsure] = median > INSIDE
+        return inside
+
+    def _crossings(self, places: FloatArray, views: slice) -> FloatArray:
+        """Return how often the surface is wound round places, by one ray a view, two if open."""
         from medialis.medial_meshes._sampling_kernels import count_crossings
 
-        def look(axis: int, view: FloatArray, tree: Tree) -> FloatArray:
+        parts = []
+        for axis, (view, tree) in list(enumerate(self._seen))[views]:
             turned = np.ascontiguousarray((places @ VIEW)[:, np.roll(np.arange(3), axis)])
-            found = np.empty((len(places), 1 if self.whole else 2))
-            given = turned, view, self.faces, tree, found
+            parts.append(np.empty((len(places), 1 if self.whole else 2)))
+            given = turned, view, self.faces, tree, parts[-1]
             run_chunks(count_crossings, len(places), PLACES_A_CHUNK, *given)
-            return found
-
-        counts = np.concatenate([look(k, *seen) for k, seen in enumerate(self._seen)], axis=1)
-        return np.asarray(counts[:, 0] if self.whole else np.median(counts, axis=1))
-
-    def contains(self, places: FloatArray) -> Mask:
-        """Tell which places (q, 3) are inside, (q,)."""
-        return np.asarray(self.winding(places) > INSIDE)
+        return np.concatenate(parts, axis=1)
 
     def free_way(
         self, origins: FloatArray, directions: FloatArray, own: Index, longest: FloatArray
