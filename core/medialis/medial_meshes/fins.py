@@ -348,17 +348,17 @@ class _Rest:
         tops = [one for one in self.parts if not self.above[one]]
         rest = Envelope(self.balls, np.array([(*one, -1, -1)[:3] for one in sorted(tops)]))
         points = self._points(part)
-        out = rest.distances(points)[0]
-        if out.max() <= self.bound and self._held(rest):
+        if self._holds(rest, points) and self._holds(rest, self.gone):
+            out = rest.distances(points)[0]
             self.gone = np.concatenate([self.gone, points[out > -self.bound]])
             return True
         self._take(side, part, 1)
         self._refused.add((side, part))
         return False
 
-    def _held(self, rest: Envelope) -> bool:
-        """Tell whether what was taken away before is near enough to some part of the rest."""
-        return bool((rest.distances(self.gone, enough=self.bound)[0] < self.bound).all())
+    def _holds(self, rest: Envelope, points: FloatArray) -> bool:
+        """Tell whether places that were taken away are all near enough to some part of the rest."""
+        return bool((rest.distances(points, enough=self.bound)[0] < self.bound).all())
 
     @property
     def complex(self) -> Complex:

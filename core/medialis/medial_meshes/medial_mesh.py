@@ -198,6 +198,16 @@ class _Looked:
     target: Target
     watched: Watched
 
+    def is_as(self, other: _Looked) -> bool:
+        """Tell whether the balls are the same, and what the next fit looks at."""
+        pairs = (
+            (self.mesh.balls, other.mesh.balls),
+            (self.target.rows, other.target.rows),
+            (self.target.within, other.target.within),
+            *zip(self.watched, other.watched, strict=True),
+        )
+        return all(np.array_equal(*pair) for pair in pairs)
+
 
 class Search:
     """The search for a number of balls; the seed chooses the samples."""
@@ -391,12 +401,12 @@ class Search:
         since = 0
         for k in range(max(1, min(LAST, LAST * MANY // self.balls))):
             start = self._mended(now.mesh)
-            fit = Fit(start, now.target, DAMPING, self._still, now.watched)
+            fit, before = Fit(start, now.target, DAMPING, self._still, now.watched), now
             now = self._look(fit.run(PLANS["last" if k else "close"]), follower)
             since = 0 if now.error < GAIN * best.error else since + 1
             best = min(best, now, key=lambda one: one.error)
-            if since == STALE:
-                break
+            if since == STALE or (k and now.is_as(before)):
+                break  # or what comes is the same once more
         return best
 
     def _look(self, fit: Fit, follower: Follower | None = None) -> _Looked:
