@@ -12,6 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from medialis.base.arrays import Index
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, length, whole
@@ -424,9 +425,8 @@ class Search:
         outside[:own][self.base.fine.samples.areas == 0] = 0.0  # mirrored ones
         off = max(fit.now.off, float(np.abs(outside).max()))
         found = self.base.hollows.look(fit.mesh, off, outside[:own])
-        worst = np.argsort(-np.abs(outside), kind="stable")[:WORST]
         within = np.concatenate([target.within, found.within])
-        rows = np.union1d(target.rows, worst)
+        rows = np.union1d(target.rows, _largest(np.abs(outside), WORST))
         target = Target(points, normals, rows, within, target.bounds)
         return _Looked(fit.mesh, max(off, found.largest), target, found.watched)
 
@@ -435,8 +435,17 @@ class Search:
         target, (points, normals) = self._all, self._everywhere
         distance = np.abs(Envelope.of(now).distances(points)[0])
         distance[: len(target.points)][self.base.fine.samples.areas == 0] = 0.0  # mirrored ones
-        worst = np.argsort(-distance, kind="stable")[:WORST]
-        return Target(points, normals, np.union1d(target.rows, worst), within, target.bounds)
+        rows = np.union1d(target.rows, _largest(distance, WORST))
+        return Target(points, normals, rows, within, target.bounds)
+
+
+def _largest(values: FloatArray, count: int) -> Index:
+    """Return where so many of the largest values are, of equal ones the first."""
+    if len(values) <= count:
+        return np.arange(len(values))
+    least = np.partition(values, -count)[-count]
+    rows = np.concatenate([np.flatnonzero(values > least), np.flatnonzero(values == least)])
+    return rows[:count]
 
 
 SAMPLES_A_BALL = 4  # halved 0 %, doubled 0 %
