@@ -361,6 +361,7 @@ def _through_landmarks(
     points = shape.points
     starts, goals = ends[rows].T
     least = np.linalg.norm(points[starts] - points[goals], axis=1)
+    least = np.maximum(least, 1e-9 * shape.diagonal)  # vertices may be at the same place
     graph, worst = run_patiently(lambda: _graph(shape, True), progress), 0
     for number in range(LANDMARKS):
         progress.update(number / LANDMARKS)
