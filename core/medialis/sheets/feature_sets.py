@@ -27,7 +27,7 @@ GOES_ROUND = 0.4  # halved 22 %, doubled 96 %
 """Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
 of a circle, 0.5 for a half sphere, 0.64 for half a circle."""
 
-BALLS_A_CHUNK = 4096  # halved 0 %, doubled 0 %
+BALLS_A_CHUNK = 4096
 """Some 20 milliseconds of work. On tubes each chunk finds the balls that lie on rings anew."""
 
 
