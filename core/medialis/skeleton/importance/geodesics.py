@@ -331,8 +331,10 @@ def _share(shape: Shape, most: int, rows: Index) -> int:
     A vertex with hundreds of faces costs as many times what another one does, and searches pass
     through it: the fewer vertices, the more faces there are at the vertices of a face, in the mean.
     """
+    if len(rows) == 0:
+        return 0
     faces = shape.fans.lengths.astype(np.float64)
-    busy = float(faces @ faces) / max(float(faces.sum()), 1.0) / USUAL_FACES
+    busy = float(np.square(faces).sum()) / max(float(faces.sum()), 1.0) / USUAL_FACES
     return int(most / max(1.0, busy)) // max(len(rows), 1)
 
 
