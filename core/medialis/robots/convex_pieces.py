@@ -248,7 +248,7 @@ class Hull:
         """
         rng, moved = np.random.default_rng(0), points
         for far in MOVED:
-            along = WAYS @ moved.T
+            along = np.einsum("wk,kn->wn", WAYS, np.ascontiguousarray(moved.T))
             first = moved[np.unique([along.argmin(axis=1), along.argmax(axis=1)])]
             hull = _grown_hull(_grown_hull(None, first, LEAST), moved, least)
             if hull is not None:
