@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described, Mask, rows_at
+from medialis.base.arrays import Described, Mask, distinct, rows_at
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Positions, check_range, frozen, hold
@@ -408,7 +408,7 @@ def _check_edges(edges: IntArray, count: int) -> None:
         text = f"An edge must join two nodes; edge {same[0]} joins one with itself."
         raise InvalidShapeError(text)
     low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1)
-    if len(np.unique(low * count + high)) < len(edges):
+    if len(distinct(low * count + high)) < len(edges):
         raise InvalidShapeError("An edge must not come twice: merge equal edges first.")
 
 

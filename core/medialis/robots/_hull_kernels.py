@@ -84,8 +84,8 @@ def list_within(places, corners, planes, slack, out_rows):
 def lies_between(places, points, planes):
     """Tell whether a place (q, 3) lies between a point (p, 3) and a hull of planes (f, 4).
 
-    It does where the line from the point goes on into the hull, or ends in it. That place changes
-    places with those before it, so that it is the first.
+    It does where the line from the point goes on into the hull, or ends in it. That place is moved
+    to the front of places.
     """
     for i in range(len(places)):
         for j in range(len(points)):

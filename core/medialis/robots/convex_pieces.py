@@ -28,7 +28,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from medialis.base.arrays import Described, Index, Mask, enclosed_volume, extent, unit_rows
+from medialis.base.arrays import (
+    Described,
+    Index,
+    Mask,
+    distinct,
+    enclosed_volume,
+    extent,
+    unit_rows,
+)
 from medialis.base.box_tree import NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import Options, algorithm, length, whole
@@ -496,7 +504,7 @@ def _neighbours(cut: _Cut) -> list[set[int]]:
     x, y, z = np.round(cut.corners[:, :3].reshape(-1, 3) / ROUNDING).astype(np.int64).T
     column = np.unique(x << 32 | (y & 0xFFFFFFFF), return_inverse=True)[1]
     vertex = np.unique(column << 32 | (z & 0xFFFFFFFF), return_inverse=True)[1]
-    pairs = np.unique(vertex * len(cut.groups) + np.repeat(cut.owners, 3))
+    pairs = distinct(vertex * len(cut.groups) + np.repeat(cut.owners, 3))
     vertex, owner = np.divmod(pairs, len(cut.groups))
     result: list[set[int]] = [set() for _ in cut.groups]
     starts = np.flatnonzero(np.diff(vertex, prepend=-1, append=-1))
@@ -627,7 +635,7 @@ def _measured(cut: _Cut, hulls: list[Hull], middle: FloatArray, scale: float) ->
 def _sticking_out(cut: _Cut, hulls: list[Hull]) -> float:
     """Return how far hulls stick out of the solid at places on them, and of a grid in them."""
     grid = cut.grid[0]
-    inside = np.unique(np.concatenate([hull.rows(grid) for hull in hulls]))
+    inside = distinct(np.concatenate([hull.rows(grid) for hull in hulls]))
     places = np.concatenate([hull.places for hull in hulls])
     places = np.concatenate([places[~cut.solid.contains(places)], grid[inside]])
     far = 0.0
