@@ -169,6 +169,8 @@ def weld(surface: Surface, bodies: IntArray | None = None) -> Weld:
         result = _merged(result, first, exact=True)
         table = EdgeTable.of(result.faces, len(result.first))
     result = _without_cracks(points, result, table)
+    if not result.exact and not result.near and not (table.counts > 2).any():
+        return result
     return _parted(surface, result)
 
 
