@@ -674,9 +674,10 @@ def _info(options: argparse.Namespace) -> int:
 
     progress, repaired = Progress(), None
     mesh = run_patiently(lambda: read_mesh(options.file), progress)
-    points, faces = run_patiently(lambda: joined_corners(mesh.points, mesh.faces), progress)
+    joined = run_patiently(lambda: joined_corners(mesh.points, mesh.faces), progress)
+    points, faces, joining = joined
     found = run_patiently(lambda: diagnose(points, faces), progress)
-    messages = list(mesh.messages)
+    messages = [*mesh.messages, *joining]
     try:
         fixed = run_patiently(lambda: repair(points, faces), progress)
         messages += fixed.messages
