@@ -210,6 +210,9 @@ off the smooth surface through the vertices by about as much (icosphere of 5,120
 0, 4 % of the samples of two merged icospheres are off by more than 1 %, with 3e-4 and more 0.5 %;
 1e-3 makes 10 % of the samples near the edges of a cube more than 1 % too thick."""
 
+TOUCHED = 1e-3  # halved < 1 %, doubled < 1 %
+"""Relative to its radius: the distance of a ball's surface from the sample that it touches."""
+
 DEPTH = 5e-3  # halved < 1 %, doubled < 1 %
 """Relative to its radius: balls that triangles cut deeper are reduced. The tolerance lets the rims
 of a plate into the balls beside them, which were 2.5 % thicker than the plate; facets of a torus of
@@ -263,9 +266,9 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
     Returns
     -------
     (n,) float64
-        In the units of the shape, at least 0, finite everywhere: one value for each sample of
+        In the units of the shape, above 0, finite everywhere: one value for each sample of
         ``cloud.surface``, whose first points are those of the given shape. It falls to 0 towards
-        sharp convex edges.
+        sharp convex edges; a sample on such an edge has the value of the nearest sample.
 
     Raises
     ------
@@ -372,7 +375,7 @@ class LargestBalls(Described):
     Attributes
     ----------
     diameters : (n,) float64
-        Of samples without a ball, that of the nearest sample.
+        Of samples without a ball, as those on convex creases, that of the nearest sample.
     rows : (n,) int64
         Row of the ball in the cloud.
     """
@@ -400,6 +403,13 @@ def _largest_balls(cloud: MedialCloud, progress: Progress) -> LargestBalls | Non
     inner = inner[sizes[inner] > 0.0]
     if len(inner) == 0:
         return None
+    # A sample on a convex crease touches no ball; its row is a ball beside it.
+    away = np.linalg.norm(surface.points[cloud.source[inner]] - cloud.centers[inner], axis=1)
+    touching = away <= (1.0 + TOUCHED) * cloud.radii[inner]
+    on_crease = np.zeros(surface.point_count, np.bool_)
+    if touching.any():
+        on_crease[cloud.source[inner[~touching]]] = True
+        inner = inner[touching]
     inner = inner[np.argsort(sizes[inner], kind="stable")]  # the largest is assigned last
     rows = np.full(surface.point_count, -1, np.int64)
     rows[cloud.source[inner]] = inner
@@ -419,11 +429,12 @@ def _largest_balls(cloud: MedialCloud, progress: Progress) -> LargestBalls | Non
         known = np.flatnonzero(rows >= 0)
         nearest = kd_tree(surface.points[known]).query(surface.points[missing])[1]
         rows[missing] = rows[known[nearest]]
-        text = (
-            f"{counted(len(missing), 'sample', of=len(rows), verbs=('has', 'have'))} no ball; the "
-            "thickness of the nearest sample was taken."
-        )
-        progress.note(text, "no_ball", samples=len(missing), of=len(rows))
+        if count := int((~on_crease[missing]).sum()):
+            text = (
+                f"{counted(count, 'sample', of=len(rows), verbs=('has', 'have'))} no ball; the "
+                "thickness of the nearest sample was taken."
+            )
+            progress.note(text, "no_ball", samples=count, of=len(rows))
     return LargestBalls(frozen(2.0 * sizes[rows], np.float64), frozen(rows, np.int64))
 
 
