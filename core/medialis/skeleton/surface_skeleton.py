@@ -15,6 +15,7 @@ operation takes its balls from here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -186,29 +187,159 @@ def maximal_balls(
     Triangles constrain the balls of a mesh as well as its samples (`Walls`). Inner balls that the
     tolerance lets through a wall get the largest of tolerance / 10, tolerance / 100, ... that does
     not; only those balls are computed again, on the same tree. A sample on
-    a convex crease gets the ball that fits into the crease just beside it. `out_walls` gets the
-    walls of a mesh, for `with_fans`.
+    a convex crease gets the ball that fits into the crease just beside it.
+
+    Inner balls lie in the body of their sample: bodies that touch or nearly touch
+    (`Surface.bodies`) do not constrain each other's balls. Outer balls are constrained by all.
+    `out_walls` gets the walls of a mesh, for `with_fans`: those of each `_ball_sets`.
     """
-    with progress.stage("samples", 0.0, 0.45):
-        cloud, tree = shrink(shape, options, progress)
-    if shape.faces is None:
-        cloud = _with_lower_tolerance(cloud, tree, None, options, progress)
-    else:
-        with progress.stage("triangles", 0.45, 1.0):
-            walls = run_patiently(
-                lambda: Walls.of(find_creases(shape, options.creases), tree), progress
-            )
-            cloud = walls.constrain(cloud, options.tolerance, progress)
-        cloud = _with_lower_tolerance(cloud, tree, walls, options, progress)
-        cloud = with_edge_balls(cloud, walls, options.tolerance)
-        if out_walls is not None:
+    sets, found, cured = _ball_sets(shape, options, progress), [], _Cured()
+    for k, one in enumerate(sets):
+        with progress.stage("bodies", k / len(sets), (k + 1) / len(sets)):
+            cloud, walls = _balls_together(one, progress, cured)
+        found.append(cloud)
+        if out_walls is not None and walls is not None:
             out_walls.append(walls)
+    cloud = _put_together(shape, sets, found)
+    cured.note(options.tolerance, shape.point_count, progress)
     note_outcome(cloud, options.tolerance, progress)
     return cloud
 
 
+@dataclass(frozen=True, eq=False)
+class _BallSet:
+    """Samples whose balls are computed together, and on which sides.
+
+    Attributes
+    ----------
+    shape : Shape
+        The whole shape, or bodies of it that are not near each other.
+    options : BallOptions
+        With lengths as fractions of the diagonal of that shape.
+    samples, faces : (k,) and (f,) int64, or None
+        Its rows in the whole shape; None for the whole.
+    """
+
+    shape: Shape
+    options: BallOptions
+    samples: Index | None = None
+    faces: Index | None = None
+
+    def to_whole(self, cloud: MedialCloud, whole: Shape) -> MedialCloud:
+        """Return balls of this set as balls of the whole shape."""
+        if self.samples is None or self.faces is None:
+            return cloud
+        samples, faces = (
+            np.append(rows, -1).astype(np.int32) for rows in (self.samples, self.faces)
+        )
+        columns: dict[str, Any] = {name: getattr(cloud, name) for name in COLUMNS}
+        columns["source"] = samples[cloud.source]
+        columns["features"] = samples[cloud.features]
+        columns["contact_faces"] = faces[cloud.contact_faces]
+        return MedialCloud(**columns, surface=whole)
+
+    def of_whole(self, cloud: MedialCloud) -> MedialCloud:
+        """Return the balls of the samples of this set on its sides, as balls of its shape."""
+        sides = {"inner": (1,), "outer": (-1,), "both": (1, -1)}[self.options.side]
+        n, mine = cloud.surface.point_count, np.isin(cloud.side, sides)
+        if self.samples is None or self.faces is None:
+            return cloud if mine.all() else cloud.subset(mine)
+        place, face = (
+            np.full(n + 1, -1, np.int32),
+            np.full(cloud.surface.face_count + 1, -1, np.int32),
+        )
+        place[self.samples] = np.arange(len(self.samples))
+        face[self.faces] = np.arange(len(self.faces))
+        rows = np.flatnonzero(mine & (place[cloud.source] >= 0))
+        columns: dict[str, Any] = {name: getattr(cloud, name)[rows] for name in COLUMNS}
+        for name, number in (("source", place), ("features", place), ("contact_faces", face)):
+            columns[name] = number[columns[name]]
+        return MedialCloud(**columns, surface=self.shape)
+
+
+def _ball_sets(shape: Shape, options: BallOptions, progress: Progress) -> list[_BallSet]:
+    """Return what balls are computed together: the whole shape where no bodies touch.
+
+    Else inner balls are computed in turns: bodies that are near each other come in different ones
+    (`Bodies.turns`).
+    """
+    if shape.faces is None or options.side == "outer":
+        return [_BallSet(shape, options)]
+    bodies = run_patiently(lambda: shape.body_contacts, progress)
+    turn = bodies.turns
+    if turn.max(initial=0) == 0:
+        return [_BallSet(shape, options)]
+    sets = []
+    for number in range(int(turn.max()) + 1):
+        part, samples, faces = shape.some_bodies(turn[bodies.label] == number)
+        share = shape.diagonal / part.diagonal
+        lengths = {
+            "tolerance": options.tolerance * share,
+            "largest_radius": options.largest_radius * share,
+        }
+        sets.append(_BallSet(part, replace(options, side="inner", **lengths), samples, faces))
+    if options.side == "both":
+        sets.append(_BallSet(shape, replace(options, side="outer")))
+    return sets
+
+
+def _put_together(shape: Shape, sets: list[_BallSet], found: list[MedialCloud]) -> MedialCloud:
+    """Return the balls of all sets, inner ones in the order of the samples, then outer ones."""
+    if len(sets) == 1:
+        return found[0]
+    balls = [one.to_whole(cloud, shape) for one, cloud in zip(sets, found, strict=True)]
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(cloud, name) for cloud in balls]) for name in COLUMNS
+    }
+    order = np.lexsort((columns["source"], -columns["side"]))
+    return MedialCloud(**{name: rows[order] for name, rows in columns.items()}, surface=shape)
+
+
+@dataclass
+class _Cured:
+    """Samples that got a lower tolerance, and the lowest one as a length."""
+
+    samples: int = 0
+    lowest: float = math.inf
+
+    def note(self, tolerance: float, of: int, progress: Progress) -> None:
+        """Say how many there are."""
+        if self.samples:
+            verbs = "lies", "lie"
+            text = (
+                f"{counted(self.samples, 'sample', of=of, verbs=verbs)} where the shape is finer "
+                f"than the tolerance of {100 * tolerance:.3g} % of the diagonal; one of down to "
+                f"{100 * self.lowest:.3g} % was taken there."
+            )
+            data: dict[str, Any] = {"samples": self.samples, "of": of, "tolerance": self.lowest}
+            progress.note(text, "thin_walls", **data)
+
+
+def _balls_together(
+    given: _BallSet, progress: Progress, cured: _Cured
+) -> tuple[MedialCloud, Walls | None]:
+    """Shrink the balls of one set; return them with the walls of a mesh."""
+    shape, options = given.shape, given.options
+    with progress.stage("samples", 0.0, 0.45):
+        cloud, tree = shrink(shape, options, progress)
+    if shape.faces is None:
+        return _with_lower_tolerance(cloud, tree, None, options, progress, cured), None
+    with progress.stage("triangles", 0.45, 1.0):
+        walls = run_patiently(
+            lambda: Walls.of(find_creases(shape, options.creases), tree), progress
+        )
+        cloud = walls.constrain(cloud, options.tolerance, progress)
+    cloud = _with_lower_tolerance(cloud, tree, walls, options, progress, cured)
+    return with_edge_balls(cloud, walls, options.tolerance), walls
+
+
 def _with_lower_tolerance(
-    cloud: MedialCloud, tree: BoxTree, walls: Walls | None, options: BallOptions, progress: Progress
+    cloud: MedialCloud,
+    tree: BoxTree,
+    walls: Walls | None,
+    options: BallOptions,
+    progress: Progress,
+    cured: _Cured,
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one: `overwritten`."""
     shape, tolerance = cloud.surface, options.tolerance
@@ -230,24 +361,19 @@ def _with_lower_tolerance(
     exact = shrink_again(hidden, 0.0)
     curable = ~went_through(exact)  # others have another reason
     hidden, exact, finer = hidden[curable], exact.subset(curable), tolerance
-    count, rows, cured = len(hidden), [], []
+    count, rows, again = len(hidden), [], []
     while len(hidden):
         finer = finer / 10 if finer > THINNEST else 0.0
         balls = shrink_again(hidden, finer) if finer > 0 else exact
         seen = ~went_through(balls)
         rows.append(hidden[seen])
-        cured.append(balls.subset(seen))
+        again.append(balls.subset(seen))
         hidden, exact = hidden[~seen], exact.subset(~seen)
     if count:
-        columns = {n: np.concatenate([getattr(one, n) for one in cured]) for n in COLUMNS}
+        columns = {n: np.concatenate([getattr(one, n) for one in again]) for n in COLUMNS}
         cloud = overwritten(cloud, np.concatenate(rows), **columns)
-        of = shape.point_count
-        text = (
-            f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} where the shape is finer "
-            f"than the tolerance of {100 * tolerance:.3g} % of the diagonal; one of down to "
-            f"{100 * finer:.3g} % was taken there."
-        )
-        progress.note(text, "thin_walls", samples=count, of=of, tolerance=finer)
+        cured.samples += count
+        cured.lowest = min(cured.lowest, finer * shape.diagonal)
     return cloud
 
 
@@ -274,19 +400,14 @@ def with_fans(
         The rows given, then those of fans, then those between samples: `source` tells the sample at
         the crease. The cloud itself where there is no crease.
     """
-    shape = cloud.surface
+    shape, parts = cloud.surface, [cloud]
     if shape.faces is None:
         return cloud
-    find = partial(find_creases, shape, options.creases)
-    creases = walls[0].creases if walls else run_patiently(find, progress)
-    if len(creases.half_edges) == 0:
-        return cloud
-    if not walls:
-        tree = sample_tree(shape, progress)
-        walls = [run_patiently(lambda: Walls.of(creases, tree), progress)]
-    signs = [s for s in np.unique(cloud.side).tolist() if (creases.concave == (s > 0)).any()]
-    fans = [_balls(walls[0], *_directions(cloud, creases, s), s, options, progress) for s in signs]
-    parts = [cloud, *fans, between_samples(cloud, walls[0], options.tolerance)]
+    sets = _ball_sets(shape, options, progress)
+    for k, one in enumerate(sets):
+        mine, known = one.of_whole(cloud), walls[k] if walls else None
+        found = _fans_together(mine, one.options, progress, known)
+        parts += [one.to_whole(balls, shape) for balls in found]
     if sum(map(len, parts)) == len(cloud):
         return cloud
     columns: dict[str, Any] = {
@@ -295,6 +416,24 @@ def with_fans(
     result = replace(cloud, **columns)
     result.__dict__["own"] = cloud  # the same cloud, so that what is kept of it serves both
     return result
+
+
+def _fans_together(
+    cloud: MedialCloud, options: BallOptions, progress: Progress, walls: Walls | None
+) -> list[MedialCloud]:
+    """Return the balls of fans and those between samples of one set."""
+    shape = cloud.surface
+    creases = walls.creases if walls else None
+    if creases is None:
+        creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
+    if len(creases.half_edges) == 0:
+        return []
+    if walls is None:
+        tree = sample_tree(shape, progress)
+        walls = run_patiently(lambda: Walls.of(creases, tree), progress)
+    signs = [s for s in np.unique(cloud.side).tolist() if (creases.concave == (s > 0)).any()]
+    fans = [_balls(walls, *_directions(cloud, creases, s), s, options, progress) for s in signs]
+    return [*fans, between_samples(cloud, walls, options.tolerance)]
 
 
 def _directions(cloud: MedialCloud, creases: Creases, sign: int) -> tuple[IntArray, FloatArray]:
