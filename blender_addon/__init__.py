@@ -58,7 +58,6 @@ def _modules() -> tuple:
         presets,
         properties,
         selecting,
-        translations,
     )
 
     first = (
@@ -72,7 +71,7 @@ def _modules() -> tuple:
         assets,
         metarigs,
     )
-    return *first, panel, menus, finding, live, overlay, translations
+    return *first, panel, menus, finding, live, overlay
 
 
 def __getattr__(name: str) -> Any:

@@ -7,7 +7,6 @@ from typing import Any, ClassVar, NamedTuple
 
 import bpy
 import numpy as np
-from bpy.app.translations import pgettext_rpt as rpt
 from bpy.props import EnumProperty, StringProperty
 from numpy.typing import NDArray
 
@@ -156,7 +155,7 @@ class MEDIALIS_OT_export_layer(bpy.types.Operator):
         except MedialisError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        self.report({"INFO"}, rpt("Written: {path}").format(path=path))
+        self.report({"INFO"}, f"Written: {path}")
         return {"FINISHED"}
 
 

@@ -7,8 +7,6 @@ import atexit
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from bpy.app.translations import pgettext_tip as tip
-
 from medialis import Result, Shape
 from medialis.hosts import Computer
 
@@ -101,7 +99,7 @@ class Job:
 
 def busy() -> str:
     """Return why nothing else can start while a job is running."""
-    return tip("{job} is being computed: wait for it, or press Esc").format(job=running.label)
+    return f"{running.label} is being computed: wait for it, or press Esc"
 
 
 def close() -> None:

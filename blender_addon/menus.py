@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
-from bpy.app.translations import pgettext_iface as iface
 
 from medialis import OPERATIONS
 
@@ -43,14 +42,8 @@ class MEDIALIS_MT_object(bpy.types.Menu):
 
 
 def with_words(label: str, words: Any) -> str:
-    """Return the text of an entry, such as "Armature (bones, rig)", in the user's language."""
-    return f"{iface(label)} ({', '.join(map(iface, words))})"
-
-
-def words() -> set[str]:
-    """Return all words that people look for."""
-    found = [*presets.PRESETS, *OPERATIONS]
-    return {word for one in found for word in one.words}.union(*selecting.WORDS.values())
+    """Return the text of an entry, such as "Armature (bones, rig)"."""
+    return f"{label} ({', '.join(words)})"
 
 
 def groups() -> list[str]:

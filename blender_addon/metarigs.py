@@ -15,7 +15,6 @@ from typing import Any, ClassVar
 
 import bpy
 import numpy as np
-from bpy.app.translations import pgettext_rpt as rpt
 from mathutils import Vector
 from numpy.typing import NDArray
 
@@ -254,8 +253,8 @@ class MEDIALIS_OT_rigify_metarig(bpy.types.Operator):
         except InvalidShapeError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        told = rpt("{object} is fitted: press Generate Rig in its armature properties.")
-        self.report({"INFO"}, told.format(object=made.name))
+        text = f"{made.name} is fitted: press Generate Rig in its armature properties."
+        self.report({"INFO"}, text)
         return {"FINISHED"}
 
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import bpy
-from bpy.app.translations import pgettext_rpt as rpt
 from bpy.props import BoolProperty, StringProperty
 
 from medialis import OPERATIONS
@@ -178,9 +177,7 @@ class MEDIALIS_OT_show_result(bpy.types.Operator):
         records = removing.records_of(source)
         wanted = [one.operation for one in records if self.result in ("", one.operation)]
         if not wanted:
-            told = rpt("{object} has no result of {operation}.")
-            told = told.format(object=source.name, operation=self.result)
-            self.report({"ERROR"}, told)
+            self.report({"ERROR"}, f"{source.name} has no result of {self.result}.")
             return {"CANCELLED"}
         shown = {one.operation for one in records if one.shown}
         if self.solo and self.result:

@@ -6,7 +6,6 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 import bpy
-from bpy.app.translations import pgettext_iface as iface
 
 from medialis import OPERATIONS
 from medialis import operation as find_operation
@@ -50,7 +49,7 @@ class MEDIALIS_PT_main(_Panel, bpy.types.Panel):
         if chosen is None:
             layout.label(text="Select a mesh or point cloud", icon="INFO")
         elif chosen.type not in reading.TYPES:
-            layout.label(text=iface("{object} is no mesh").format(object=chosen.name), icon="ERROR")
+            layout.label(text=f"{chosen.name} is not a mesh", icon="ERROR")
         else:
             icon = "POINTCLOUD_DATA" if chosen.type == "POINTCLOUD" else "OBJECT_DATA"
             layout.label(text=chosen.name, icon=icon)
@@ -160,7 +159,7 @@ class MEDIALIS_PT_result(_Panel, bpy.types.Panel):
         widgets.draw_text(layout, context, lines[0], icon="CHECKMARK")
         notes = [line for line in lines[1:] if line.startswith("!")]
         settings = context.scene.medialis
-        text = iface("Notes: {count}").format(count=len(notes))
+        text = f"Notes: {len(notes)}"
         if notes and widgets.draw_fold(layout, settings, "unfolded_notes", text):
             for note in notes:
                 mark, _, text = note.partition(" ")

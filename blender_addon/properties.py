@@ -31,7 +31,6 @@ LARGEST = 2**31 - 1
 LENGTH_SUFFIX = "_in_units"
 """What the name of a length in the unit of the scene ends in."""
 
-PER_CENT = ". In per cent of the size (the bounding-box diagonal)"
 """What the tooltip of such a length ends in."""
 
 OPTIONS = {
@@ -136,7 +135,7 @@ def property_of(parameter: Parameter, update: Update = None) -> Any:
     subtype, scale = WIDGETS.get(kind, ("NONE", 1.0))
     high = scale * parameter.high
     if kind is Kind.LENGTH:
-        about["description"] += PER_CENT
+        about["description"] += ". In per cent of the size (the bounding-box diagonal)"
         about["soft_max"] = min(high, 100.0)
     return FloatProperty(
         default=scale * parameter.default,

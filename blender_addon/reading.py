@@ -12,8 +12,6 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from bpy.app.translations import pgettext_iface as iface
-from bpy.app.translations import pgettext_tip as tip
 from numpy.typing import NDArray
 
 from medialis import InvalidShapeError
@@ -172,13 +170,11 @@ def why_not(context: bpy.types.Context, operation: Operation) -> str | None:
     if takes_bones(operation) and (meshes := bound_meshes(context)):
         chosen = meshes[-1]
     if chosen is None:
-        return tip("Select a mesh or point cloud first: there is no active object")
+        return "Select a mesh or point cloud first: there is no active object"
     if chosen.type not in TYPES:
-        text = tip("{object} is of type {type}: select a mesh or point cloud")
-        return text.format(object=chosen.name, type=chosen.type.lower())
+        return f"{chosen.name} is of type {chosen.type.lower()}: select a mesh or point cloud"
     if operation.needs_faces and chosen.type == "POINTCLOUD":
-        text = tip("{operation} needs a surface with faces, and {object} is a point cloud")
-        return text.format(operation=iface(operation.label), object=chosen.name)
+        return f"{operation.label} needs a surface with faces, and {chosen.name} is a point cloud"
     return None
 
 

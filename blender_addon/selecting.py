@@ -7,8 +7,6 @@ from typing import Any, ClassVar
 
 import bpy
 import numpy as np
-from bpy.app.translations import pgettext_iface as iface
-from bpy.app.translations import pgettext_rpt as rpt
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 from numpy.typing import NDArray
 
@@ -163,9 +161,8 @@ class MEDIALIS_OT_select_faces(bpy.types.Operator):
         except (MedialisError, RuntimeError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
-        told = rpt("{count:,} of {total:,} faces of {object} are selected.")
-        told = told.format(count=count, total=len(faces), object=chosen.name)
-        self.report({"INFO"}, told)
+        text = f"{count:,} of {len(faces):,} faces of {chosen.name} are selected."
+        self.report({"INFO"}, text)
         return {"FINISHED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -244,7 +241,7 @@ def _select(
 def draw_entries(layout: Any) -> None:
     """Draw the three selections, with the words that people look for."""
     for name, label, _ in WHICH:
-        text = f"{iface(f'Select {label}')} ({', '.join(map(iface, WORDS[name]))})"
+        text = f"Select {label} ({', '.join(WORDS[name])})"
         layout.operator("medialis.select_faces", text=text).which = name
 
 

@@ -7,7 +7,6 @@ from contextlib import nullcontext
 from typing import Any
 
 import bpy
-from bpy.app.translations import pgettext_iface as iface
 
 from medialis import Cancelled, MedialisError
 from medialis.hosts import Kind, Operation, Parameter, picked_lines
@@ -110,10 +109,9 @@ class Tasks:
         if self._options.bind and source.on_data:
             armatures.require_unbound(chosen)
         number = self._of - len(self._waiting)
-        label = iface("{operation} of {object}")
-        label = label.format(operation=iface(self._operation.label), object=source.name)
+        label = f"{self._operation.label} of {source.name}"
         if self._of > 1:
-            label += " " + iface("({number} of {count})").format(number=number, count=self._of)
+            label += f" ({number} of {self._of})"
         return jobs.Job(
             source,
             self._operation.name,

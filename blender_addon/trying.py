@@ -10,7 +10,6 @@ import json
 from typing import Any, ClassVar
 
 import bpy
-from bpy.app.translations import pgettext_rpt as rpt
 from mathutils import Matrix, Quaternion
 
 from medialis import Armature, InvalidShapeError
@@ -165,7 +164,8 @@ class MEDIALIS_OT_test_poses(bpy.types.Operator):
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         last = context.scene.frame_start + 2 * STEP * count
-        told = rpt("{count} joints bend one after the other up to frame {frame}. Run it again to "
-                   "remove the action.")  # fmt: skip
-        self.report({"INFO"}, told.format(count=count, frame=last))
+        text = (
+            f"{count} joints bend one after the other up to frame {last}. Run it again to undo it."
+        )
+        self.report({"INFO"}, text)
         return {"FINISHED"}

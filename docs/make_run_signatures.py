@@ -64,7 +64,8 @@ def _option(parameter: Parameter) -> str:
 def _type(parameter: Parameter) -> str:
     if parameter.choices:
         return f"Literal[{', '.join(map(_literal, parameter.choices))}]"
-    return TYPES.get(parameter.kind, "float")
+    known = TYPES.get(parameter.kind, "float")
+    return known if parameter.auto is None or "str" in known else f'{known} | Literal["auto"]'
 
 
 def _literal(value: Any) -> str:

@@ -56,7 +56,6 @@ def test_the_wheel_has_the_add_on_and_its_licence(installed):
     names = {path.relative_to(installed).as_posix() for path in installed.rglob("*")}
     assert {"medialis_blender/__init__.py", "medialis_blender/operators.py"} <= names
     assert not any(name.endswith(".pth") for name in names)
-    assert {f"medialis_blender/translations/{name}.py" for name in ("__init__", "de")} <= names
     assert not any("packaging" in name or "examples" in name for name in names)
     (about,) = installed.glob("*.dist-info/METADATA")
     assert "License-Expression: GPL-3.0-or-later" in about.read_text()

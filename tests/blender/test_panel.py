@@ -110,7 +110,7 @@ def draw(scene):
 def test_nothing_or_no_mesh_is_selected(draw):
     assert "Select a mesh or point cloud" in draw()
     add_object("lamp", bpy.data.lights.new("lamp", "POINT"))
-    assert "lamp is no mesh" in draw()
+    assert "lamp is not a mesh" in draw()
 
 
 def test_every_operation_has_its_button_and_options(draw):

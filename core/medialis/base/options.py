@@ -19,6 +19,10 @@ Units are the same everywhere: lengths are fractions of the bounding-box diagona
 At the door a length may be text or a `Length` as well: "0.5%", "1mm", "0.2in", "3 units". Options
 hold it as it was given until they meet the data (`Options.measured`): what it is as a fraction
 follows from the diagonal of what is computed from, and for real lengths from its unit.
+
+The default of some options is "auto": the algorithm chooses a number that suits the data
+(`Options.settled`) and reports it. Every other value is used exactly as it was given, also one that
+equals the number "auto" starts from.
 """
 
 from __future__ import annotations
@@ -46,6 +50,9 @@ METERS = {
     **{"in": 0.0254, "ft": 0.3048},
 }
 """Metres in each real unit."""
+
+AUTO = "auto"
+"""Value of an option for which the algorithm chooses a number that suits the data."""
 
 SHARE, PERCENT, UNITS = "", "%", "units"
 """What else a length may be in: fractions and per cent of the diagonal, the numbers of a file."""
@@ -368,6 +375,9 @@ class Parameter:
         Layer of the result that hosts may write into a FILE as their user has edited it.
     bones : bool
         Hosts may write the bones of an armature of their user into a FILE.
+    auto : float or None
+        Of a number that may be "auto": the number from which the algorithm starts when it chooses
+        one. Hosts without text in number fields show it beside a switch. None: not automatic.
     """
 
     name: str
@@ -383,6 +393,7 @@ class Parameter:
     selection: str = ""
     layer: str = ""
     bones: bool = False
+    auto: float | None = None
 
     @property
     def full_help(self) -> str:
@@ -399,7 +410,8 @@ class Parameter:
             Kind.ANGLE: "float, degrees",
             Kind.FILE: "path",
         }
-        return f"{names.get(self.kind, self.kind.value)}, default {self.default!r}"
+        automatic = "" if self.auto is None else f' or "{AUTO}"'
+        return f"{names.get(self.kind, self.kind.value)}{automatic}, default {self.default!r}"
 
     def sentence(self) -> str:
         """Return help and range as docstrings tell them."""
@@ -415,6 +427,8 @@ class Parameter:
         InvalidOptionError
             When it is of another type or out of range.
         """
+        if self.auto is not None and isinstance(value, str) and value.strip().lower() == AUTO:
+            return AUTO
         if self.kind is Kind.CHOICE:
             return as_choice(value, self.name, self.choices)
         if self.kind is Kind.FILE:
@@ -527,6 +541,45 @@ class Options:
             progress.note(sentence, "length", option=name, **told)
         return replace(self, **fractions)
 
+    def automatic(self) -> dict[str, float]:
+        """Return the options whose value is "auto", with the numbers from which they start."""
+        every = ((p.name, p.auto) for p in self.parameters())
+        return {n: start for n, start in every if start is not None and getattr(self, n) == AUTO}
+
+    def settled(self, data: Any, progress: Progress) -> Self:
+        """Replace "auto" by the numbers of `suited`, and report them; other values never change."""
+        starts = self.automatic()
+        return self.chosen(self.suited(data, starts, progress), progress) if starts else self
+
+    def suited(
+        self, data: Any, starts: Mapping[str, float], progress: Progress
+    ) -> dict[str, float]:
+        """Return numbers for automatic options that suit the data, by name.
+
+        "auto" stays where none is returned: options without use for these data, and those that the
+        algorithm chooses later (`chosen`).
+        """
+        return {}
+
+    def chosen(self, numbers: Mapping[str, Any], progress: Progress) -> Self:
+        """Replace "auto" by numbers, and report them in one sentence."""
+        if not numbers:
+            return self
+        kinds = {p.name: p.kind for p in self.parameters()}
+        words: dict[bool, list[str]] = {True: [], False: []}
+        for name, value in numbers.items():
+            length = kinds[name] is Kind.LENGTH
+            text = f"{100 * value:.4g} %" if length else f"{value:.4g}"
+            words[length].append(f"{name.replace('_', ' ')} {text}")
+        told = ", ".join(words[True]) + (" of the diagonal" if words[True] else "")
+        told = "; ".join(filter(None, [told, ", ".join(words[False])]))
+        progress.note(f"Chosen automatically: {told}.", "automatic", values=dict(numbers))
+        return replace(self, **numbers)
+
+    def unused(self, data: Any) -> frozenset[str]:
+        """Return the names of options that do not matter for such data."""
+        return frozenset()
+
     def values(self) -> dict[str, Any]:
         """Return all options by name."""
         return {p.name: getattr(self, p.name) for p in self.parameters()}
@@ -566,10 +619,14 @@ def algorithm(
 ) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Input, P, Found]]: ...
 @overload
 def algorithm(
-    options: Callable[P, Chosen], *, keep: bool = True, door: Callable[[Given, Progress], Input]
+    options: Callable[P, Chosen],
+    *,
+    keep: bool = True,
+    door: Callable[[Given, Progress], Any],
+    prepare: Callable[[Any, Any, Progress], Input] | None = None,
 ) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Given, P, Found]]: ...
 def algorithm(
-    options: Callable[P, Chosen], *, keep: bool = True, door: Any = None
+    options: Callable[P, Chosen], *, keep: bool = True, door: Any = None, prepare: Any = None
 ) -> Callable[[Callable[[Input, Chosen, Progress], Found]], Algorithm[Any, P, Found]]:
     """Make a public function of one that takes (data, options, progress).
 
@@ -577,7 +634,8 @@ def algorithm(
     are: its own Parameters tell of the data alone. Results are kept with what they were computed
     from (see `medialis.base.kept`) unless `keep` is False, as for results that take no longer to
     compute than to look up. A `door` makes the data of anything else that stands for it, as a path
-    does.
+    does. Then lengths are measured and automatic options chosen; then `prepare` may compute what
+    the algorithm works on, such as the balls of a shape.
     """
     chosen = cast(type[Chosen], options)
 
@@ -588,6 +646,9 @@ def algorithm(
             own = given if type(given) is chosen else chosen.taken_from(given)
             if own.progress is not None:
                 own = replace(own, progress=None)  # nothing that is kept holds a host's callback
+            own = own.settled(data, progress)
+            if prepare is not None:
+                data = prepare(data, own, progress)
 
             def work() -> Found:
                 return compute(data, own, progress)
@@ -603,6 +664,11 @@ def algorithm(
             given = options(*args, **kwargs)
             progress = Progress.of(given.progress)
             data = data if door is None else door(data, progress)
+            if useless := sorted(set(kwargs) & given.unused(data)):
+                raise InvalidOptionError(
+                    f"{', '.join(useless)} cannot be given to {compute.__name__} with a "
+                    f"{type(data).__name__}, which is computed already: give the shape instead."
+                )
             return of(data, given.measured(data, progress), progress)
 
         public.__doc__ = _documented(inspect.getdoc(compute) or "", chosen)

@@ -92,7 +92,7 @@ def run(shape: Shape, options: CenterlineRun, progress: Progress) -> Outcome:
         )
     picked = vertices_in_file(options.places, shape, "no line begins or ends there")
     with progress.stage("skeleton", 0.0, 0.5):
-        cloud, _ = limb_balls(shape, options, progress)
+        cloud = limb_balls(shape, options, progress)
     if not cloud.valid.any():
         raise InvalidShapeError("No ball fits inside the shape, so it has no centerline.")
     with progress.stage("ends", 0.5, 0.6):

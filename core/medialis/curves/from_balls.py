@@ -10,7 +10,8 @@ its importance, and each sample its node. What does not depend on the threshold 
 
 A loop runs along balls round a handle. Where the handle, or the hole in it, is thinner than the
 samples are apart, no balls go round it: its samples lie on creases alone, or far apart. There
-`curve_skeleton_of` refines the mesh and computes everything again (thesis 3.6.3).
+`curve_skeleton` refines the mesh and computes everything again (thesis 3.6.3), where it was given a
+shape. Given balls stay as they are.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ import numpy as np
 from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
-from medialis.base.options import Options, algorithm, changed, length, number
+from medialis.base.options import AUTO, Options, algorithm, changed, length, number
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen
@@ -50,12 +51,12 @@ from medialis.curves.persistence import measured_persistence
 from medialis.shape.refinement import refine_where
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, MedialCloud, ShrinkOptions, shrink
-from medialis.skeleton.sizes import turning
+from medialis.skeleton.preparation import InvariantPreparation
 from medialis.skeleton.surface_skeleton import (
     Preparation,
     SurfaceSkeletonOptions,
-    as_cloud,
     prepared,
+    shape_or_cloud,
     surface_skeleton,
 )
 
@@ -149,14 +150,16 @@ def node_importance(
 
 
 @dataclass(frozen=True, kw_only=True)
-class CurveSkeletonOptions(Options):
+class CurveSkeletonOptions(InvariantPreparation):
     """Options of `curve_skeleton`; on hand, fertility, horse the defaults give what one draws."""
 
     threshold: float = length(
-        0.02,
+        AUTO,
         "Importance",
         "Limbs with less surface than a square get no branch; the side of the square is this "
-        "share of the size. Larger values leave out more limbs.",
+        "share of the size. Larger values leave out more limbs. auto: 2 % of a size that does not "
+        "change when the shape is turned.",
+        auto=0.02,
     )
     smoothing: float = number(
         0.7,
@@ -167,13 +170,14 @@ class CurveSkeletonOptions(Options):
     )
     simplify: float = changed(SimplifyOptions, "simplify", default=0.0)
     candidates: float = length(
-        0.005,
+        AUTO,
         "Candidates",
         "A point of the surface skeleton may lie on the curve where shortest paths round its limb "
         "are at least this long, as a share of the size. Smaller values find thinner limbs, and "
-        "more noise.",
+        "more noise. auto: 0.5 % of a size that does not change when the shape is turned.",
         low=0.0001,
         advanced=True,
+        auto=0.005,
     )
 
 
@@ -193,20 +197,22 @@ class _Ground(Bound):
     handles: dict[int, Handles] = field(default_factory=dict)
 
 
-@algorithm(CurveSkeletonOptions, door=as_cloud)
+@algorithm(CurveSkeletonOptions, door=shape_or_cloud)
 def curve_skeleton(
-    cloud: MedialCloud, options: CurveSkeletonOptions, progress: Progress
+    shape: Shape | MedialCloud, options: CurveSkeletonOptions, progress: Progress
 ) -> CurveSkeleton:
     """Compute the curve skeleton of a mesh as a graph.
 
     The graph has one component for each component of the surface and one loop for each handle. It
     runs along the points of the surface skeleton from which geodesics start to all sides; gaps
-    between them are closed along the surface skeleton.
+    between them are closed along the surface skeleton. Limbs whose triangles are too large get more
+    samples first, and so do handles without a loop afterwards.
 
     Parameters
     ----------
-    cloud : MedialCloud
-        ``surface_skeleton(shape)`` of a mesh: all n inner balls, row i of sample i.
+    shape : Shape or MedialCloud
+        A mesh. Or ``surface_skeleton(shape)`` of a mesh, all n inner balls, row i of sample i:
+        these balls are used as they are, and nothing is sampled more densely.
 
     Returns
     -------
@@ -217,7 +223,9 @@ def curve_skeleton(
     Raises
     ------
     InvalidShapeError
-        When the surface has no faces, or the cloud is not its whole inner cloud.
+        When the surface has no faces, or a cloud is not its whole inner cloud.
+    InvalidOptionError
+        When options that prepare a shape are given with a cloud.
 
     See Also
     --------
@@ -236,14 +244,21 @@ def curve_skeleton(
     Examples
     --------
     >>> import medialis
-    >>> cloud = medialis.surface_skeleton(medialis.organic_shape(100))
-    >>> medialis.curve_skeleton(cloud).branch_count
+    >>> medialis.curve_skeleton(medialis.organic_shape(100)).branch_count
     11
     """
+    if isinstance(shape, MedialCloud):
+        return _from_balls(shape, options, progress)
+    return _from_shape(shape, options, progress)
+
+
+def _from_balls(
+    cloud: MedialCloud, options: CurveSkeletonOptions, progress: Progress
+) -> CurveSkeleton:
+    """Compute the curve skeleton of balls as they are."""
     _require_whole_cloud(cloud)
     cloud = cloud.own
     surface = cloud.surface
-    options = turning(surface, options, progress, CurveSkeletonOptions)
     share = options.candidates
     ground = kept(_ground, cloud, share, lambda: _ground(cloud, share, progress), progress)
     with progress.stage("reconstruct", 0.8, 1.0):
@@ -394,32 +409,24 @@ def _across_creases(cloud: MedialCloud) -> Index:
     return pairs[(pairs != edges).any(axis=1) & (pairs[:, 0] != pairs[:, 1]) & (pairs[:, 0] >= 0)]
 
 
-def limb_balls(shape: Shape, options: Options, progress: Progress) -> tuple[MedialCloud, float]:
-    """Return the balls of a mesh whose limbs have enough samples, and their tolerance."""
+def limb_balls(shape: Shape, options: Preparation, progress: Progress) -> MedialCloud:
+    """Return the balls of a mesh whose limbs have enough samples; the options are settled."""
     sampled = functools.partial(with_limbs_sampled, progress=progress)
-    surface, tolerance = prepared(shape, Preparation.taken_from(options), progress, sampled)
-    return _balls(surface, options, progress, tolerance), tolerance
+    return _balls(prepared(shape, options, progress, sampled), options, progress)
 
 
-def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> CurveSkeleton:
+def _from_shape(shape: Shape, options: CurveSkeletonOptions, progress: Progress) -> CurveSkeleton:
     """Compute the curve skeleton of a mesh, refined where handles have no loop.
 
-    Parameters
-    ----------
-    shape : Shape
-        A mesh.
-    options : Options
-        Those of `surface_skeleton` and of `curve_skeleton`.
-    progress : Progress
-
-    Returns
-    -------
-    CurveSkeleton
-        The first one with all loops, else that with the most.
+    Of several attempts the first one with all loops is returned, else that with the most.
     """
-    options = turning(shape, options, progress, CurveSkeletonOptions)
+    if shape.faces is None:
+        raise InvalidShapeError(
+            "A curve skeleton needs a surface with faces, got a point cloud: reconstruct a surface "
+            "first, or use view_curve_skeleton, which takes point clouds."
+        )
     with progress.stage("skeleton", 0.0, 0.2):
-        cloud, tolerance = limb_balls(shape, options, progress)
+        cloud = limb_balls(shape, options, progress)
         surface = cloud.surface
     with progress.stage("curve skeleton", 0.2, 0.7):
         best = curve_skeleton.of(cloud, options, progress)
@@ -432,9 +439,7 @@ def curve_skeleton_of(shape: Shape, options: Options, progress: Progress) -> Cur
             if finer is surface:
                 break
             surface = finer
-            again = curve_skeleton.of(
-                _balls(surface, options, progress.still, tolerance), options, progress
-            )
+            again = curve_skeleton.of(_balls(surface, options, progress.still), options, progress)
             best = max(best, again, key=_closed)
     if best.surface is not None and best.surface is not cloud.surface:
         more = best.surface.point_count - cloud.surface.point_count
@@ -453,9 +458,9 @@ def _closed(graph: CurveSkeleton) -> int:
     return sum(_evidence(graph).closed_loops.values())
 
 
-def _balls(surface: Shape, options: Options, progress: Progress, tolerance: float) -> MedialCloud:
-    """Return the balls of a surface as it is, with a tolerance."""
-    as_it_is = {"denoise": "off", "refine": 0.0, "tolerance": tolerance}
+def _balls(surface: Shape, options: Preparation, progress: Progress) -> MedialCloud:
+    """Return the balls of a surface as it is."""
+    as_it_is = {"denoise": "off", "refine": 0.0}
     return surface_skeleton.of(
         surface, SurfaceSkeletonOptions.taken_from(options, **as_it_is), progress
     )

@@ -24,7 +24,7 @@ from medialis.base.options import Options
 from medialis.base.progress import Progress, counted
 from medialis.base.validation import as_points
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
-from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton_of
+from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton
 from medialis.formats.files import complete_file, file_bytes, reading
 from medialis.formats.ply_attributes import write_ply
 from medialis.operations.declaration import Format, Operation
@@ -33,7 +33,6 @@ from medialis.operations.result import FilterUnit, Layer, Outcome, Result, unit_
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import cloud_arrays, samples_layer, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.surface_skeleton import Preparation
 
 LOOP = "# loop"
 """Comment that names the two nodes of a cut edge, so that we can close the loop again."""
@@ -446,11 +445,6 @@ SHEET_SHARE = 0.2  # halved 0 %, doubled 0 %
 plates: 57 %; rocker arm, a mechanical part with flat arms: 14 %; gears, screwdriver: below 6 %."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class CurveSkeletonRun(CurveSkeletonOptions, Preparation):
-    """Options of the operation `curve_skeleton`."""
-
-
 def described(shape: Shape, options: Options, progress: Progress) -> tuple[CurveSkeleton, float]:
     """Return the curve skeleton of a mesh and its `sheet_share`; say what is uncertain.
 
@@ -459,12 +453,7 @@ def described(shape: Shape, options: Options, progress: Progress) -> tuple[Curve
     InvalidShapeError
         For a point cloud, and for a shape without balls.
     """
-    if shape.faces is None:
-        raise InvalidShapeError(
-            "A curve skeleton needs a surface with faces, got a point cloud: reconstruct a surface "
-            "first, or use view_curve_skeleton, which takes point clouds."
-        )
-    graph = curve_skeleton_of(shape, options, progress)
+    graph = curve_skeleton.of(shape, options, progress)
     cloud = graph.cloud
     assert cloud is not None
     sheet = sheet_share(cloud, graph)
@@ -474,7 +463,7 @@ def described(shape: Shape, options: Options, progress: Progress) -> tuple[Curve
     return graph, sheet
 
 
-def run(shape: Shape, options: CurveSkeletonRun, progress: Progress) -> Outcome:
+def run(shape: Shape, options: CurveSkeletonOptions, progress: Progress) -> Outcome:
     """Smooth where noisy, refine, shrink balls, trace geodesics, find the curve skeleton."""
     graph, sheet = described(shape, options, progress)
     cloud, evidence = graph.cloud, graph.evidence
@@ -667,7 +656,7 @@ OPERATION = Operation(
         "curve_skeleton_candidates": "the balls that the graph was chosen from",
         "samples": "the surface as computed on; feature points and sources index its points",
     },
-    options=CurveSkeletonRun,
+    options=CurveSkeletonOptions,
     run=run,
     needs_faces=True,
     formats=GRAPH_FORMATS,

@@ -20,7 +20,7 @@ from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton
-from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton_of
+from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton
 from medialis.curves.tree_cylinders import (
     TreeCylinders,
     lowest_thick_end,
@@ -34,14 +34,13 @@ from medialis.operations.result import Layer, Outcome, Result
 from medialis.shape.reading import surface_of_cloud
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import samples_layer, summary, vertices_in_file
-from medialis.skeleton.surface_skeleton import Preparation
 
 LITRES = 1000.0
 """In a cubic metre."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TreeCylindersRun(CurveSkeletonOptions, Preparation):
+class TreeCylindersRun(CurveSkeletonOptions):
     """Options of the operation `tree_cylinders`."""
 
     root: str = file(
@@ -74,7 +73,7 @@ def run(shape: Shape, options: TreeCylindersRun, progress: Progress) -> Outcome:
         text = f"A surface of {counted(faces, 'face')} was laid through the points of the cloud."
         progress.note(text, "surface_of_cloud", faces=faces)
     with progress.stage("curve skeleton", 0.0, 0.9):
-        graph = curve_skeleton_of(solid, options, progress)
+        graph = curve_skeleton.of(solid, options, progress)
     if len(picked):
         root = nearest_end(graph, shape.points[int(picked[0])])
     else:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import importlib
 import time
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 from medialis.base.errors import InvalidOptionError, InvalidShapeError, nearest
 from medialis.base.kept import kept
-from medialis.base.progress import Progress, ProgressCallback
+from medialis.base.options import Options
+from medialis.base.progress import Message, Progress, ProgressCallback
 from medialis.base.threads import thread_limit
 from medialis.operations.declaration import Operation
 from medialis.operations.names import RENAMED, Named, named_operations, renamed_note
@@ -139,8 +141,11 @@ def run(
     offset = offset_of(data)
     far = bool(offset.any())
     near = kept(near_origin, data, None, lambda: near_origin(data), progress) if far else data
+    asked, before = options, len(progress.messages)
     with thread_limit(threads):
+        options = options.settled(near, progress)
         outcome = chosen.run(near, options, progress)
+    numbers = _numbers_chosen(asked, progress.messages[before:])
     outcome = moved(outcome, offset)
     outcome = _with_patches(outcome, data)
     if "diagonal" in outcome.values:  # of the shape as given: samples may reach a little further
@@ -149,10 +154,18 @@ def run(
     return Result(
         **{f.name: getattr(outcome, f.name) for f in fields(Outcome)},
         operation=chosen.name,
-        parameters=options.values(),
+        parameters=asked.values() | numbers,
+        automatic=tuple(numbers),
         seconds=dict(progress.seconds),
         messages=tuple(progress.messages),
     )
+
+
+def _numbers_chosen(options: Options, messages: Sequence[Message]) -> dict[str, float]:
+    """Return the number that was chosen first for each automatic option."""
+    told = [m.data["values"] for m in reversed(messages) if m.code == "automatic"]
+    numbers = {name: value for chosen in told for name, value in chosen.items()}
+    return {name: numbers[name] for name in options.automatic() if name in numbers}
 
 
 def _with_patches(outcome: Outcome, shape: Shape) -> Outcome:

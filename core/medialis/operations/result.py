@@ -406,17 +406,21 @@ class Result(Outcome, Described):
     ----------
     operation : str
     parameters : dict
-        All of them, defaults included.
+        All of them, defaults included. Automatic ones have the number that was chosen; "auto" stays
+        where an option had no use, as the longest edge of a point cloud.
     seconds : dict
         Per stage.
     messages : tuple of str
         What was repaired, refined or masked.
+    automatic : tuple of str
+        Parameters whose number was chosen automatically.
     """
 
     operation: str = ""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
     messages: tuple[str, ...] = ()
+    automatic: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Say the operation, the unit, and the sizes of the first layers."""

@@ -44,7 +44,7 @@ from medialis.rigging.naming import roll_axes, rolls, target_names
 from medialis.rigging.poses import tried
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
-from medialis.skeleton.surface_skeleton import Preparation
+from medialis.skeleton.preparation import InvariantPreparation
 
 BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
 """How layers are shown."""
@@ -59,7 +59,7 @@ POSES: bool = flag(
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmatureRun(Preparation):
+class ArmatureRun(InvariantPreparation):
     """Options of the operation `armature`."""
 
     threshold: float = changed(CurveSkeletonOptions, "threshold")

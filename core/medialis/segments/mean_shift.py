@@ -35,7 +35,12 @@ from medialis.shape.labels import (
 )
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.surface_skeleton import as_cloud, uniform_subsample
+from medialis.skeleton.surface_skeleton import (
+    Preparation,
+    balls_of,
+    shape_or_cloud,
+    uniform_subsample,
+)
 
 if TYPE_CHECKING:
     from medialis.segments._kernels import Grid
@@ -271,7 +276,7 @@ def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, Ind
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeanShiftSegmentsOptions(SeedShiftOptions):
+class MeanShiftSegmentsOptions(SeedShiftOptions, Preparation):
     """Options of `mean_shift_segments`; `add` and `remove` are samples that a user picked."""
 
     search_radius: float = changed(SeedShiftOptions, "search_radius")
@@ -305,7 +310,7 @@ class MeanShiftSegmentsOptions(SeedShiftOptions):
             object.__setattr__(self, name, tuple(picks.tolist()))
 
 
-@algorithm(MeanShiftSegmentsOptions, door=as_cloud)
+@algorithm(MeanShiftSegmentsOptions, door=shape_or_cloud, prepare=balls_of)
 def mean_shift_segments(
     cloud: MedialCloud, options: MeanShiftSegmentsOptions, progress: Progress
 ) -> Segmentation:

@@ -21,12 +21,10 @@ from medialis.operations.declaration import Operation
 from medialis.operations.positions import numbers
 from medialis.operations.result import Outcome
 from medialis.segments.mean_shift import MeanShiftSegmentsOptions, mean_shift_segments
-from medialis.segments.parts import PartsOptions, extent_share, parts
+from medialis.segments.parts import PartsOptions, parts
 from medialis.segments.patches import PatchesOptions, SoftEdgeOptions, patches, soft_edges
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import (
-    EdgePreparation,
-    SheetPreparation,
     border_layer,
     cloud_arrays,
     computed,
@@ -37,17 +35,11 @@ from medialis.skeleton.layers import (
     surface_layers,
     vertices_in_file,
 )
-from medialis.skeleton.surface_skeleton import Preparation
 
 
-@dataclass(frozen=True, kw_only=True)
-class SoftEdgesRun(SoftEdgeOptions, EdgePreparation):
-    """Options of the operation `soft_edges`."""
-
-
-def run_soft_edges(shape: Shape, options: SoftEdgesRun, progress: Progress) -> Outcome:
+def run_soft_edges(shape: Shape, options: SoftEdgeOptions, progress: Progress) -> Outcome:
     """Refine, shrink balls, find the rim of the skeleton, bring it back to the surface."""
-    cloud = computed(shape, options.on_side, progress)
+    cloud = computed(shape, options, progress)
     with progress.stage("soft edges", 0.4, 1.0):
         edges = soft_edges.of(cloud, options, progress)
     on_edge = np.isfinite(edges.radius)
@@ -96,21 +88,16 @@ SOFT_EDGES = Operation(
         "soft_edges": "the surface with the sharpness of its edges",
         "samples": "the same on the refined surface",
     },
-    options=SoftEdgesRun,
+    options=SoftEdgeOptions,
     run=run_soft_edges,
     order=120,
     words=("sharp edges", "creases", "ridges"),
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class PatchesRun(PatchesOptions, EdgePreparation):
-    """Options of the operation `patches`."""
-
-
-def run_patches(shape: Shape, options: PatchesRun, progress: Progress) -> Outcome:
+def run_patches(shape: Shape, options: PatchesOptions, progress: Progress) -> Outcome:
     """Refine, shrink balls on both sides, find edges, divide along them."""
-    cloud = computed(shape, options.on_side, progress)
+    cloud = computed(shape, options, progress)
     with progress.stage("patches", 0.4, 1.0):
         found = patches.of(cloud, options, progress)
     return segmentation_outcome("patches", shape, cloud, found, progress)
@@ -127,21 +114,16 @@ PATCHES = Operation(
     source="thesis 6.3.2",
     examples=(("creature.ply", "patches between the edges, numbered"),),
     layers=layers_of_segments("patches", "patch of each vertex and face"),
-    options=PatchesRun,
+    options=PatchesOptions,
     run=run_patches,
     order=130,
     words=("segment", "faces between edges"),
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class PartsRun(PartsOptions, SheetPreparation):
-    """Options of the operation `parts`."""
-
-
-def run_parts(shape: Shape, options: PartsRun, progress: Progress) -> Outcome:
+def run_parts(shape: Shape, options: PartsOptions, progress: Progress) -> Outcome:
     """Refine, shrink balls, divide."""
-    cloud = computed(shape, _turning(shape, options), progress)
+    cloud = computed(shape, options, progress)
     with progress.stage("parts", 0.4, 1.0):
         found = parts.of(cloud, options, progress)
     outcome = segmentation_outcome("parts", shape, cloud, found, progress, method=found.method)
@@ -149,18 +131,6 @@ def run_parts(shape: Shape, options: PartsRun, progress: Progress) -> Outcome:
         return outcome
     arrays = {**outcome.arrays, "joins": found.joins, "join_levels": found.join_levels}
     return replace(outcome, arrays=arrays)
-
-
-def _turning(shape: Shape, options: PartsRun) -> PartsRun:
-    """Measure by the box that turns with the shape, as the parts do, where no one asks for more."""
-    if options.method != "auto" or shape.faces is None:
-        return options
-    usual, share = PartsRun(), extent_share(shape)
-    if options.refine == usual.refine:
-        options = replace(options, refine=min(options.refine * share, 1.0))
-    if options.tolerance == usual.tolerance:
-        options = replace(options, tolerance=options.tolerance * share)
-    return options
 
 
 PARTS = Operation(
@@ -176,7 +146,7 @@ PARTS = Operation(
     source="thesis 6.3.3",
     examples=(("creature.ply", "body, head, limbs and tail, numbered"),),
     layers=layers_of_segments("parts", "part of each vertex and face"),
-    options=PartsRun,
+    options=PartsOptions,
     run=run_parts,
     order=140,
     words=("segment", "split into parts", "limbs"),
@@ -196,7 +166,7 @@ class SeedFiles(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeanShiftSegmentsRun(MeanShiftSegmentsOptions, SeedFiles, Preparation):
+class MeanShiftSegmentsRun(MeanShiftSegmentsOptions, SeedFiles):
     """Options of the operation `mean_shift_segments`."""
 
 

@@ -29,7 +29,7 @@ import numpy as np
 from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import Options, algorithm, changed, choice, number, whole
+from medialis.base.options import algorithm, changed, choice, number, whole
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen
@@ -61,7 +61,8 @@ from medialis.shape.shape import Shape
 from medialis.shape.surface import piece_labels
 from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.surface_skeleton import as_cloud
+from medialis.skeleton.preparation import SheetPreparation
+from medialis.skeleton.surface_skeleton import balls_of, shape_or_cloud
 
 MOST_JOINED = 2000
 """Parts of which a tree of joins is made: it costs their number squared. More parts than that are
@@ -383,7 +384,7 @@ def _conjugate_gradients(
 
 
 @dataclass(frozen=True, kw_only=True)
-class PartsOptions(Options):
+class PartsOptions(SheetPreparation):
     """Options of `parts`.
 
     horse, cow and fertility have 17, 22 and 23 sheets of 1 % of the surface, two to four times as
@@ -430,8 +431,12 @@ class PartsOptions(Options):
     sheet_threshold: float = changed(MedialSheetOptions, "sheet_threshold", advanced=True)
     creases: float = changed(MedialSheetOptions, "creases")
 
+    def size_scale(self, shape: Shape) -> float:
+        """Return the size that automatic lengths are fractions of, in diagonals of the shape."""
+        return extent_share(shape) if self.method == "auto" and shape.faces is not None else 1.0
 
-@algorithm(PartsOptions, door=as_cloud)
+
+@algorithm(PartsOptions, door=shape_or_cloud, prepare=balls_of)
 def parts(cloud: MedialCloud, options: PartsOptions, progress: Progress) -> Segmentation:
     """Divide a shape into parts: as people see them, by its limbs, or by its sheets.
 
@@ -668,8 +673,10 @@ def _limbs(cloud: MedialCloud, progress: Progress) -> IntArray:
             f"{surface.face_count} faces and {len(cloud)} balls for {surface.point_count} samples. "
             "Use method = sheets."
         )
-    share, usual = run_patiently(lambda: extent_share(surface), progress), CurveSkeletonOptions()
-    of_extent = {name: share * getattr(usual, name) for name in ("threshold", "candidates")}
+    share, starts = run_patiently(lambda: extent_share(surface), progress), CurveSkeletonOptions()
+    of_extent: dict[str, Any] = {
+        name: min(share * starts.automatic()[name], 1.0) for name in ("threshold", "candidates")
+    }
     skeleton = curve_skeleton.of(cloud, CurveSkeletonOptions(**of_extent), progress)
     node = skeleton.vertex_node
     assert node is not None

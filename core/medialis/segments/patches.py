@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from medialis.base.arrays import Mask, Ragged
 from medialis.base.kept import Bound
-from medialis.base.options import Options, algorithm, angle, number
+from medialis.base.options import algorithm, angle, number
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
@@ -37,7 +37,8 @@ from medialis.shape.labels import (
 from medialis.shape.shape import Shape
 from medialis.sheets.feature_sets import extended_feature_transform
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.surface_skeleton import as_cloud
+from medialis.skeleton.preparation import EdgePreparation
+from medialis.skeleton.surface_skeleton import balls_of, shape_or_cloud
 
 SHARPER = 1.5  # halved 22 %, doubled 0 %
 """An edge bends this many times as sharply as the surface beside it, or it is none: a bore wall,
@@ -111,11 +112,11 @@ class SoftEdges(Bound):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SoftEdgeOptions(Options):
-    """Options of `soft_edges`: none, it has no scale to choose."""
+class SoftEdgeOptions(EdgePreparation):
+    """Options of `soft_edges`: only those of the balls, it has no scale to choose."""
 
 
-@algorithm(SoftEdgeOptions, door=as_cloud)
+@algorithm(SoftEdgeOptions, door=shape_or_cloud, prepare=balls_of)
 def soft_edges(cloud: MedialCloud, options: SoftEdgeOptions, progress: Progress) -> SoftEdges:
     """Find the edges of a surface, with how blunt they are and how far they turn.
 
@@ -388,7 +389,7 @@ def _of_samples(surface: Shape, labels: IntArray) -> IntArray:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PatchesOptions(Options):
+class PatchesOptions(EdgePreparation):
     """Options of `patches`.
 
     At 30 degrees, gears, fandisk and rockerarm are divided along the edges that one would draw, and
@@ -408,7 +409,7 @@ class PatchesOptions(Options):
     )
 
 
-@algorithm(PatchesOptions, door=as_cloud)
+@algorithm(PatchesOptions, door=shape_or_cloud, prepare=balls_of)
 def patches(cloud: MedialCloud, options: PatchesOptions, progress: Progress) -> Segmentation:
     """Divide a surface into patches along its edges, sharp or soft.
 

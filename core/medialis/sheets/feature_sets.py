@@ -14,14 +14,20 @@ from numpy.typing import NDArray
 
 from medialis.base.arrays import Mask, Ragged, sums_of
 from medialis.base.kept import Bound
-from medialis.base.options import Options, algorithm, number
+from medialis.base.options import Options, algorithm, changed, number
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen, hold
 from medialis.shape.graph import local_spacing, surface_graph
 from medialis.shape.shape import Shape
-from medialis.skeleton.medial_cloud import MedialCloud, sample_tree, shrink_options
-from medialis.skeleton.surface_skeleton import as_cloud
+from medialis.skeleton.medial_cloud import (
+    MedialCloud,
+    ShrinkOptions,
+    Side,
+    sample_tree,
+    shrink_options,
+)
+from medialis.skeleton.surface_skeleton import Preparation, as_cloud, balls_of, shape_or_cloud
 
 GOES_ROUND = 0.4  # halved 22 %, doubled 96 %
 """Agreement below which one cluster goes round its ball: 0 for a circle or a sphere, 0.30 for 3/4
@@ -213,8 +219,15 @@ class PointType(IntEnum):
     """Three contacts (A1^3), near a curve where sheets meet."""
 
 
-@algorithm(Options, keep=False, door=as_cloud)
-def point_types(cloud: MedialCloud, options: Options, progress: Progress) -> IntArray:
+@dataclass(frozen=True, kw_only=True)
+class PointTypesOptions(Preparation):
+    """Options of `point_types`: only those of the balls."""
+
+    side: Side = changed(ShrinkOptions, "side")
+
+
+@algorithm(PointTypesOptions, keep=False, door=shape_or_cloud, prepare=balls_of)
+def point_types(cloud: MedialCloud, options: PointTypesOptions, progress: Progress) -> IntArray:
     """Classify medial points by the number of places where their balls touch the surface.
 
     Parameters

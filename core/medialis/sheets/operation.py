@@ -11,34 +11,30 @@ from typing import Any
 import numpy as np
 
 from medialis.base.errors import InvalidShapeError
-from medialis.base.options import changed, flag
+from medialis.base.options import flag
 from medialis.base.progress import Progress
 from medialis.operations.declaration import Operation
 from medialis.operations.positions import places
 from medialis.operations.result import Layer, Outcome
 from medialis.shape.shape import Shape
-from medialis.sheets.feature_sets import PointType, point_types
+from medialis.sheets.feature_sets import PointType, PointTypesOptions, point_types
 from medialis.sheets.scaffold import medial_scaffold
 from medialis.sheets.sheets import MedialSheetOptions, medial_sheets
 from medialis.skeleton.layers import (
-    SheetPreparation,
     cloud_arrays,
     cloud_layer,
     computed,
     samples_layer,
 )
-from medialis.skeleton.medial_cloud import ShrinkOptions, Side
-from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions
 
 
 @dataclass(frozen=True, kw_only=True)
-class PointTypesRun(Preparation):
+class PointTypesRun(PointTypesOptions):
     """Options of the operation `point_types`."""
 
     filter_rim: bool = flag(
         False, "Leave out the rim", "Leave out points of type 1, those on the rim."
     )
-    side: Side = changed(ShrinkOptions, "side")
 
 
 def run_point_types(shape: Shape, options: PointTypesRun, progress: Progress) -> Outcome:
@@ -94,21 +90,9 @@ POINT_TYPES = Operation(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class MedialSheetsRun(MedialSheetOptions, SheetPreparation):
-    """Options of the operation `medial_sheets`."""
-
-    side: Side = changed(ShrinkOptions, "side")
-
-    @property
-    def with_fans(self) -> SurfaceSkeletonOptions:
-        """Options of the balls: sheets have no gap at concave edges."""
-        return SurfaceSkeletonOptions.taken_from(self, fans=True)
-
-
-def run_medial_sheets(shape: Shape, options: MedialSheetsRun, progress: Progress) -> Outcome:
+def run_medial_sheets(shape: Shape, options: MedialSheetOptions, progress: Progress) -> Outcome:
     """Refine, shrink balls, separate sheets, mesh them, find where they meet."""
-    cloud = computed(shape, options.with_fans, progress)
+    cloud = computed(shape, options, progress)
     fine = cloud.surface
     with progress.stage("medial sheets", 0.4, 0.8):
         sheets = medial_sheets.of(cloud, options, progress)
@@ -185,7 +169,7 @@ MEDIAL_SHEETS = Operation(
         "y_network": "the curves where sheets meet",
         "samples": "the surface as computed on; feature points and sources index its points",
     },
-    options=MedialSheetsRun,
+    options=MedialSheetOptions,
     run=run_medial_sheets,
     thin_lines=True,
     order=110,

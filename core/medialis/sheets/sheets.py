@@ -31,8 +31,14 @@ from medialis.shape.graph import local_spacing, surface_graph
 from medialis.shape.labels import fill_components, merge_small, numbered_by_weight, spread_labels
 from medialis.sheets.feature_sets import FeatureSets, extended_feature_transform
 from medialis.sheets.unfolding import Unfolded, unfold
-from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.surface_skeleton import BallOptions, as_cloud
+from medialis.skeleton.medial_cloud import MedialCloud, ShrinkOptions, Side
+from medialis.skeleton.preparation import SheetPreparation
+from medialis.skeleton.surface_skeleton import (
+    BallOptions,
+    SurfaceSkeletonOptions,
+    balls_of,
+    shape_or_cloud,
+)
 
 LONGEST_JUMP = 4.0  # halved 100 %, doubled 9 %
 """Sample spacings between two balls on different sheets that still lie on both sides of a Y-curve.
@@ -333,9 +339,10 @@ def pieces(
 
 
 @dataclass(frozen=True, kw_only=True)
-class MedialSheetOptions(Options):
+class MedialSheetOptions(SheetPreparation):
     """Options of `medial_sheets`."""
 
+    side: Side = changed(ShrinkOptions, "side")
     smallest: float = number(
         0.002,
         "Smallest sheet",
@@ -353,8 +360,12 @@ class MedialSheetOptions(Options):
     )
     creases: float = changed(BallOptions, "creases")
 
+    def of_balls(self) -> SurfaceSkeletonOptions:
+        """Return the options of the balls: with fans, sheets have no gap at concave edges."""
+        return SurfaceSkeletonOptions.taken_from(self, fans=True)
 
-@algorithm(MedialSheetOptions, door=as_cloud)
+
+@algorithm(MedialSheetOptions, door=shape_or_cloud, prepare=balls_of)
 def medial_sheets(
     cloud: MedialCloud, options: MedialSheetOptions, progress: Progress
 ) -> MedialSheets:

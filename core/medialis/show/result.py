@@ -233,6 +233,7 @@ def read_result(folder: str | os.PathLike[str]) -> Result:
             parameters=manifest["parameters"],
             seconds=manifest["seconds"],
             messages=tuple(map(_message, manifest["messages"], manifest["notes"])),
+            automatic=tuple(manifest.get("automatic", ())),
         )
 
 

@@ -15,13 +15,13 @@ def run(
     progress: Progress | ProgressCallback | None = None,
     side: Literal["inner", "outer", "both"] = "inner",
     importance: bool = True,
-    threshold: float | str | Length = 0.03,
+    threshold: float | str | Length = "auto",
     subsample: float | str | Length = 0.0,
     largest_radius: float | str | Length = 1.0,
     fans: bool = True,
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -35,8 +35,8 @@ def run(
     connected: bool = True,
     reconstruct: bool = False,
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
     directions: int = 20,
 ) -> Result: ...
@@ -51,8 +51,8 @@ def run(
     progressive: bool = False,
     order: Literal["radius", "spoke_angle"] = "radius",
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -62,14 +62,14 @@ def run(
     *,
     threads: int | None = None,
     progress: Progress | ProgressCallback | None = None,
-    refine: float | str | Length = 0.01,
+    refine: float | str | Length = "auto",
     threshold: float | str | Length = 0.0,
     spots: int = 10,
     prominence: float = 0.25,
     kind: Literal["diameter", "radius"] = "diameter",
     min_spoke_angle: float = 120.0,
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
+    tolerance: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -90,12 +90,12 @@ def run(
     rules: str = "",
     gap: float | str | Length = 0.0,
     line_width: float | str | Length = 0.0,
-    rib_ratio: float = 0.6,
+    rib_ratio: float | Literal["auto"] = "auto",
     min_spoke_angle: float = 150.0,
     regions: int = 100,
-    refine: float | str | Length = 0.01,
+    refine: float | str | Length = "auto",
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
+    tolerance: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -105,11 +105,11 @@ def run(
     *,
     threads: int | None = None,
     progress: Progress | ProgressCallback | None = None,
-    refine: float | str | Length = 0.02,
+    refine: float | str | Length = "auto",
     edge: float | str | Length = 0.02,
     angle: float = 150.0,
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
+    tolerance: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -138,8 +138,8 @@ def run(
     bridge: int = 2,
     clean_rims: bool = True,
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -180,13 +180,13 @@ def run(
     *,
     threads: int | None = None,
     progress: Progress | ProgressCallback | None = None,
-    threshold: float | str | Length = 0.02,
+    threshold: float | str | Length = "auto",
     smoothing: float = 0.7,
     simplify: float | str | Length = 0.0,
-    candidates: float | str | Length = 0.005,
+    candidates: float | str | Length = "auto",
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -200,8 +200,8 @@ def run(
     starts: int = 1,
     step: float | str | Length = 0.005,
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -214,13 +214,13 @@ def run(
     root: str = "",
     cylinder_length: float = 3.0,
     taper: bool = False,
-    threshold: float | str | Length = 0.02,
+    threshold: float | str | Length = "auto",
     smoothing: float = 0.7,
     simplify: float | str | Length = 0.0,
-    candidates: float | str | Length = 0.005,
+    candidates: float | str | Length = "auto",
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -242,20 +242,20 @@ def run(
     *,
     threads: int | None = None,
     progress: Progress | ProgressCallback | None = None,
-    threshold: float | str | Length = 0.02,
+    threshold: float | str | Length = "auto",
     bend: float = 0.4,
     bone_length: float | str | Length = 1.0,
     blend: float = 1.0,
     shortest: float = 1.0,
     skin_smoothing: float = 0.3,
     smoothing: float = 0.7,
-    candidates: float | str | Length = 0.005,
+    candidates: float | str | Length = "auto",
     figures: bool = True,
     naming: Literal["plain", "rigify", "mixamo", "unreal", "vrm", "numbers"] = "plain",
     poses: bool = False,
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -280,8 +280,8 @@ def run(
     filter_rim: bool = False,
     side: Literal["inner", "outer", "both"] = "inner",
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -295,8 +295,8 @@ def run(
     smallest: float = 0.002,
     sheet_threshold: float = 4.0,
     creases: float = 30.0,
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.01,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     denoise: Literal["auto", "off"] = "auto",
 ) -> Result: ...
 @overload
@@ -307,8 +307,8 @@ def run(
     threads: int | None = None,
     progress: Progress | ProgressCallback | None = None,
     edges: Literal["convex", "concave", "both"] = "both",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.01,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     denoise: Literal["auto", "off"] = "auto",
     creases: float = 30.0,
 ) -> Result: ...
@@ -322,8 +322,8 @@ def run(
     min_angle: float = 30.0,
     smallest: float = 0.002,
     edges: Literal["convex", "concave", "both"] = "both",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.01,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     denoise: Literal["auto", "off"] = "auto",
     creases: float = 30.0,
 ) -> Result: ...
@@ -341,8 +341,8 @@ def run(
     smoothing: int = 4,
     sheet_threshold: float = 4.0,
     creases: float = 30.0,
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.01,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     denoise: Literal["auto", "off"] = "auto",
 ) -> Result: ...
 @overload
@@ -360,8 +360,8 @@ def run(
     min_points: int = 20,
     smooth: bool = True,
     denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
     creases: float = 30.0,
 ) -> Result: ...
 @overload
@@ -399,12 +399,12 @@ def run(
     kernel: Literal["gaussian", "flat"] = "gaussian",
     last_steps: int = 0,
     merge: float | str | Length = 0.0,
+    denoise: Literal["auto", "off"] = "auto",
+    tolerance: float | str | Length = "auto",
+    refine: float | str | Length = "auto",
+    creases: float = 30.0,
     add_seeds: str = "",
     remove_seeds: str = "",
-    denoise: Literal["auto", "off"] = "auto",
-    tolerance: float | str | Length = 0.0003,
-    refine: float | str | Length = 0.02,
-    creases: float = 30.0,
 ) -> Result: ...
 @overload
 def run(

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from medialis.base.disk import Folder, open_file
 from medialis.base.errors import FileError, InvalidOptionError
-from medialis.base.options import Length, Options
+from medialis.base.options import AUTO, Length, Options
 from medialis.base.progress import Message, Progress, ProgressCallback
 from medialis.base.validation import IntArray, as_choice
 from medialis.base.version import package_version
@@ -73,8 +73,9 @@ def as_given(options: Options) -> dict[str, Any]:
 
 
 def parameters_given(manifest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the parameters of a result as they were given, lengths with a unit as text."""
-    return {**manifest["parameters"], **manifest.get("lengths", {})}
+    """Return the parameters of a result as given: lengths with a unit as text, or "auto"."""
+    automatic = dict.fromkeys(manifest.get("automatic", ()), AUTO)
+    return {**manifest["parameters"], **manifest.get("lengths", {}), **automatic}
 
 
 def manifest_in(folder: str | os.PathLike[str]) -> dict[str, Any] | None:
@@ -294,6 +295,7 @@ def describe_result(result: Result, **more: Any) -> dict[str, Any]:
         "operation": result.operation,
         **{name: dict(getattr(result, name)) for name in ("parameters", "seconds", "values")},
         "lengths": {str(data["option"]): str(data["given"]) for data in notes},
+        "automatic": list(result.automatic),
         "unit": result.shape.unit,
         "up": result.shape.up,
         "shape": known.hex() if isinstance(known, bytes) else "",

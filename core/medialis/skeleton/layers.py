@@ -1,10 +1,9 @@
-"""What operations on balls, sheets and segments share: options, arrays, layers, notes, summary."""
+"""What operations on balls, sheets and segments share: arrays, layers, notes, summary."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from medialis.base.arrays import Index
 from medialis.base.errors import InvalidOptionError
-from medialis.base.options import Options, changed, choice
+from medialis.base.options import Options
 from medialis.base.progress import Progress
 from medialis.base.validation import FloatArray, IntArray
 from medialis.formats.files import number_lines
@@ -20,8 +19,8 @@ from medialis.operations.positions import numbers, places
 from medialis.operations.result import FilterUnit, Layer, Outcome
 from medialis.shape.labels import Segmentation
 from medialis.shape.shape import Shape
-from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud, Side
-from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
+from medialis.skeleton.medial_cloud import COLUMNS, MedialCloud
+from medialis.skeleton.surface_skeleton import balls_of
 
 SURFACE = ("points", "normals", "faces", "origin", "face_origin", "vertex_map", "face_map")
 
@@ -81,50 +80,10 @@ def summary(values: FloatArray, name: str) -> dict[str, float | None]:
     }
 
 
-SIDE_OF_EDGES: dict[str, Side] = {"convex": "inner", "concave": "outer", "both": "both"}
-
-
-@dataclass(frozen=True, kw_only=True)
-class SheetPreparation(Preparation):
-    """Preparation of what needs several samples across every face."""
-
-    tolerance: float = changed(Preparation, "tolerance", advanced=True)
-    refine: float = changed(
-        Preparation,
-        "refine",
-        default=0.01,
-        help="Split edges longer than this share of the size for the computation, so "
-        "that flat faces get samples; flat faces stay the same. 0 computes with the"
-        " given vertices only. Sheets and edges need several samples across every "
-        "face.",
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
-class EdgePreparation(SheetPreparation):
-    """Preparation of what finds edges: balls inside of convex, outside of concave ones."""
-
-    edges: str = choice(
-        "both",
-        "Edges",
-        "Which edges are looked for.",
-        {
-            "convex": "Edges that stick out, by balls inside the shape.",
-            "concave": "Edges of notches and grooves, by balls outside the shape.",
-            "both": "Edges of both kinds, which takes twice as long as one.",
-        },
-    )
-
-    @property
-    def on_side(self) -> SurfaceSkeletonOptions:
-        """Options of the balls that lie behind these edges."""
-        return SurfaceSkeletonOptions.taken_from(self, side=SIDE_OF_EDGES[self.edges])
-
-
 def computed(shape: Shape, options: Options, progress: Progress, share: float = 0.4) -> MedialCloud:
     """Refine and shrink balls, the first part of all these operations."""
     with progress.stage("skeleton", 0.0, share):
-        return surface_skeleton.of(shape, options, progress)
+        return balls_of(shape, options, progress)
 
 
 def vertices_of_input(shape: Shape, numbers: Index, use: str) -> Index:

@@ -13,7 +13,7 @@ import numpy as np
 from medialis.base.arrays import Index, Mask, places_along
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import changed, file, flag, length, whole
+from medialis.base.options import AUTO, changed, file, flag, length, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.validation import FloatArray
 from medialis.formats.files import number_lines
@@ -95,12 +95,12 @@ class SurfaceSkeletonRun(Preparation):
         "between its two feature points. Meshes only, and the inner side.",
     )
     threshold: float = length(
-        HIDDEN_BELOW,
+        AUTO,
         "Hide below",
         "Hide the points whose importance is below this share of the size: those of bumps and "
-        "noise. They stay in the data; 0 shows all. The default is lower on shapes with thin "
-        "limbs.",
+        "noise. They stay in the data; 0 shows all. auto: 3 %, less on shapes with thin limbs.",
         high=10.0,
+        auto=HIDDEN_BELOW,
     )
     subsample: float = length(
         0.0,
@@ -157,9 +157,9 @@ def _measured(
     cloud: MedialCloud, importance: FloatArray, options: SurfaceSkeletonRun, progress: Progress
 ) -> Layer:
     """Layer of a cloud with importance, its unimportant points hidden; not if that were all."""
+    if "threshold" in options.automatic():
+        options = options.chosen({"threshold": _shown_from(cloud, importance)}, progress)
     diagonal, threshold = cloud.surface.diagonal, options.threshold
-    if threshold == HIDDEN_BELOW:  # a value of the user's own stays
-        threshold = _shown_from(cloud, importance)
     shown, unit = {"importance": importance}, FilterUnit.length(diagonal, "threshold")
     layer = cloud_layer("surface_skeleton", cloud, shown, unit=unit, hidden_below=threshold)
     # A few points are far more important than the rest, which would all have one colour.
@@ -233,14 +233,7 @@ SURFACE_SKELETON = Operation(
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class SkeletonMeshRun(SkeletonMeshOptions, Preparation):
-    """Options of the operation `skeleton_mesh`."""
-
-    side: Side = changed(ShrinkOptions, "side")
-
-
-def run_skeleton_mesh(shape: Shape, options: SkeletonMeshRun, progress: Progress) -> Outcome:
+def run_skeleton_mesh(shape: Shape, options: SkeletonMeshOptions, progress: Progress) -> Outcome:
     """Refine, shrink balls, choose the points to keep, connect them."""
     require_faces(shape)
     cloud = computed(shape, options, progress, 0.5)
@@ -321,7 +314,7 @@ SKELETON_MESH = Operation(
         "skeleton_mesh": "the skeleton as triangles, each sheet once",
         "samples": "the surface as computed on; feature points and sources index its points",
     },
-    options=SkeletonMeshRun,
+    options=SkeletonMeshOptions,
     run=run_skeleton_mesh,
     needs_faces=True,
     order=60,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Mask, first_equal_row, unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import Options, algorithm, angle, flag, length, whole
+from medialis.base.options import Options, algorithm, angle, changed, flag, length, whole
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, Positions, as_faces, frozen, hold
@@ -30,9 +30,9 @@ from medialis.skeleton.importance.importance import (
     geodesic_importance,
     important_points,
 )
-from medialis.skeleton.medial_cloud import MedialCloud
+from medialis.skeleton.medial_cloud import MedialCloud, ShrinkOptions, Side
 from medialis.skeleton.rims import blended, clean_rims
-from medialis.skeleton.surface_skeleton import as_cloud
+from medialis.skeleton.surface_skeleton import Preparation, balls_of, shape_or_cloud
 
 RADIUS_SLACK = 1.0  # halved 78 %, doubled < 0.1 %
 """Sample spacings by which a radius may change against the slope of the sheet. On horse (48k
@@ -113,9 +113,10 @@ class SkeletonMesh(Surface):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SkeletonMeshOptions(Options):
+class SkeletonMeshOptions(Preparation):
     """Options of `skeleton_mesh`."""
 
+    side: Side = changed(ShrinkOptions, "side")
     min_spoke_angle: float = angle(
         45.0,
         "Minimum spoke angle",
@@ -153,7 +154,7 @@ class SkeletonMeshOptions(Options):
     )
 
 
-@algorithm(SkeletonMeshOptions, door=as_cloud)
+@algorithm(SkeletonMeshOptions, door=shape_or_cloud, prepare=balls_of)
 def skeleton_mesh(
     cloud: MedialCloud, options: SkeletonMeshOptions, progress: Progress
 ) -> SkeletonMesh:

@@ -16,7 +16,7 @@ operation takes its balls from here.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from medialis.base.arrays import Index, Mask
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import Options, algorithm, angle, changed, choice, flag
+from medialis.base.options import AUTO, Options, algorithm, angle, changed, choice, flag
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_field, as_number
@@ -39,6 +39,7 @@ from medialis.shape.refinement import RefineOptions, affordable_edge, on_smooth_
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import (
     COLUMNS,
+    DEFAULT_TOLERANCE,
     THINNEST,
     MedialCloud,
     ShrinkOptions,
@@ -481,6 +482,10 @@ def _balls(
     return balls.subset(balls.valid & ~at_own & ~outside)  # in folds a direction may look outward
 
 
+MAX_TOLERANCE = 0.1
+"""Fraction of the diagonal."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Preparation(Options):
     """Options of what comes before everything that rests on balls."""
@@ -495,21 +500,68 @@ class Preparation(Options):
             "off": "Surfaces are computed on as they are.",
         },
     )
-    tolerance: float = changed(ShrinkOptions, "tolerance")
+    tolerance: float = changed(
+        ShrinkOptions,
+        "tolerance",
+        default=AUTO,
+        auto=DEFAULT_TOLERANCE,
+        help="Relief of the surface lower than this share of the size does not shrink a ball; no "
+        "sample lies deeper than this inside one. 0 gives the exact maximal balls, larger values "
+        "suppress noise. auto: 0.03 %, and more where noise is left after smoothing.",
+    )
     refine: float = changed(
         RefineOptions,
         "longest_edge",
+        default=AUTO,
+        auto=0.02,
         help="Split edges longer than this share of the size for the computation, so that flat "
         "faces get samples; flat faces stay the same, on rounded ones new samples lie on the "
-        "smooth surface. 0 computes with the given vertices only.",
+        "smooth surface. 0 computes with the given vertices only. auto: 2 %, or more where that "
+        "would make too many samples.",
     )
     creases: float = changed(BallOptions, "creases")
+
+    def size_scale(self, shape: Shape) -> float:
+        """Return the size that automatic lengths are fractions of, in diagonals of the shape."""
+        return 1.0
+
+    def suited(
+        self, data: Any, starts: Mapping[str, float], progress: Progress
+    ) -> dict[str, float]:
+        """Choose tolerance and longest edge; balls that are given have theirs already.
+
+        The tolerance is at least the noise that smoothing leaves. The longest edge grows until the
+        number of samples is in proportion to the mesh (`affordable_edge`); a dense mesh keeps its
+        vertices, and a point cloud is not refined.
+        """
+        if not isinstance(data, Shape) or not {"tolerance", "refine"} & set(starts):
+            return {}
+        scale = run_patiently(lambda: self.size_scale(data), progress)
+        clean, _, left = _without_noise(data, self.denoise, progress)
+        chosen = {}
+        if "tolerance" in starts:
+            noise = 0.0 if clean is data else left / data.diagonal
+            chosen["tolerance"] = min(max(scale * starts["tolerance"], noise), MAX_TOLERANCE)
+        if "refine" in starts and clean.faces is not None:
+            start = min(scale * starts["refine"], 1.0)
+            chosen["refine"] = run_patiently(lambda: _suited_edge(clean, start), progress)
+        return chosen
+
+    def unused(self, data: Any) -> frozenset[str]:
+        """Return the options that only prepare shapes, where balls are given."""
+        prepares = frozenset({"denoise", "tolerance", "refine", "side"})
+        return prepares if isinstance(data, MedialCloud) else frozenset()
+
+    def of_balls(self) -> SurfaceSkeletonOptions:
+        """Return the options of the balls that the algorithm works on."""
+        return SurfaceSkeletonOptions.taken_from(self)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceSkeletonOptions(ShrinkOptions, Preparation):
     """Options of `surface_skeleton`."""
 
+    tolerance: float = changed(Preparation, "tolerance")
     fans: bool = flag(
         False,
         "Fans",
@@ -568,8 +620,8 @@ def surface_skeleton(
     >>> len(cloud) == cloud.surface.point_count, bool(cloud.valid.mean() > 0.99)
     (True, True)
     """
-    fine, tolerance = prepared(shape, options, progress)
-    shrinking = BallOptions.taken_from(options, tolerance=tolerance)
+    fine = prepared(shape, options, progress)
+    shrinking = BallOptions.taken_from(options)
 
     walls: list[Walls] = []
 
@@ -593,6 +645,28 @@ Finer: TypeAlias = Callable[[Shape], Shape]
 CloudLike: TypeAlias = MedialCloud | ShapeLike
 
 
+def shape_or_cloud(given: CloudLike, progress: Progress) -> Shape | MedialCloud:
+    """Return a cloud as it is, and a shape of whatever stands for one.
+
+    Raises
+    ------
+    InvalidShapeError
+        When it is neither; the sentence says what came.
+    """
+    return given if isinstance(given, MedialCloud) else as_shape(given, progress)
+
+
+def balls_of(data: Shape | MedialCloud, options: Options, progress: Progress) -> MedialCloud:
+    """Return a cloud as it is, and the balls of a shape as the options of an algorithm want them.
+
+    Functions and operations of one name get their balls here, so that they agree.
+    """
+    if isinstance(data, MedialCloud):
+        return data
+    own = options.of_balls() if isinstance(options, Preparation) else SurfaceSkeletonOptions()
+    return surface_skeleton.of(data, own, progress)
+
+
 def as_cloud(given: CloudLike, progress: Progress) -> MedialCloud:
     """Return a cloud as it is, and the surface skeleton of whatever stands for a shape.
 
@@ -601,34 +675,22 @@ def as_cloud(given: CloudLike, progress: Progress) -> MedialCloud:
     InvalidShapeError
         When it is neither; the sentence says what came.
     """
-    if isinstance(given, MedialCloud):
-        return given
-    return surface_skeleton.of(as_shape(given, progress), SurfaceSkeletonOptions(), progress)
+    return balls_of(shape_or_cloud(given, progress), Options(), progress)
 
 
 def prepared(
     shape: Shape, options: Preparation, progress: Progress, finer: Finer | None = None
-) -> tuple[Shape, float]:
-    """Return the surface to compute on, and the tolerance that it needs; say what was done.
+) -> Shape:
+    """Return the surface to compute on; report what was done.
 
-    `finer` may split edges of the refined mesh further, and return it as it is where none are.
+    `options` are settled: their tolerance and longest edge are numbers. `finer` may split edges of
+    the refined mesh further, and return it as it is where none are.
     """
-    clean, tolerance = _denoised(shape, options, progress)
-    return _refined(clean, options, progress, finer), tolerance
-
-
-def _denoised(shape: Shape, options: Preparation, progress: Progress) -> tuple[Shape, float]:
-    """Smooth a noisy mesh, and raise the tolerance to what noise is left."""
-    tolerance = options.tolerance
-    smooth, level, left = _without_noise(shape, options.denoise, progress)
-    if smooth is shape:
-        return shape, tolerance
-    highest = next(p.high for p in Preparation.parameters() if p.name == "tolerance")
-    raised = min(max(tolerance, left / shape.diagonal), highest)
-    text = f", with a tolerance of {100 * raised:.3f} %" if raised > tolerance else ""
-    noise = level / shape.diagonal
-    progress.note(_smoothed(noise, text), "denoised", noise=noise, tolerance=raised)
-    return smooth, raised
+    clean, level, _ = _without_noise(shape, options.denoise, progress)
+    if clean is not shape:
+        noise = level / shape.diagonal
+        progress.note(_smoothed(noise), "denoised", noise=noise, tolerance=options.tolerance)
+    return _refined(clean, options, progress, finer)
 
 
 def smooth_copy(shape: Shape, denoise: str, least: float, progress: Progress) -> Shape:
@@ -644,10 +706,10 @@ def smooth_copy(shape: Shape, denoise: str, least: float, progress: Progress) ->
     return smooth
 
 
-def _smoothed(level: float, text: str = "") -> str:
+def _smoothed(level: float) -> str:
     return (
         f"The surface is noisy, by {100 * level:.2g} % of the diagonal: a smoothed copy was "
-        f"used{text} (denoise = off turns this off)."
+        "used (denoise = off turns this off)."
     )
 
 
@@ -675,11 +737,8 @@ def _refined(
     fraction = options.refine
     if fraction == 0.0 or shape.faces is None:
         return shape
-    fine = shape
-    if not run_patiently(lambda: _dense(shape, fraction * shape.diagonal), progress):
-        fraction = affordable_edge(shape, fraction)
-        with progress.stage("refine", 0.0, 0.1):
-            fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
+    with progress.stage("refine", 0.0, 0.1):
+        fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if finer is not None:
         fine = finer(fine)
     if fine is not shape:
@@ -696,6 +755,14 @@ def _refined(
             longest_edge=fraction,
         )
     return fine
+
+
+def _suited_edge(shape: Shape, fraction: float) -> float:
+    """Return the longest edge for a mesh, as a fraction of its diagonal, from a fraction on."""
+    if not _dense(shape, fraction * shape.diagonal):
+        return affordable_edge(shape, fraction)
+    longest = float(shape.edge_lengths.max(initial=0.0))
+    return max(fraction, longest / (shape.diagonal or 1.0) * (1.0 + 1e-12))
 
 
 def _dense(shape: Shape, longest: float) -> bool:

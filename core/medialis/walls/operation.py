@@ -6,7 +6,7 @@ Operation: walls against a least and a largest thickness, ribs, and gaps between
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Mask
 from medialis.base.errors import InvalidOptionError
 from medialis.base.options import (
+    AUTO,
     Length,
     Size,
     changed,
@@ -36,7 +37,7 @@ from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import cloud_arrays, summary, surface_layers
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.sizes import turning
+from medialis.skeleton.preparation import InvariantPreparation
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
 from medialis.walls.rules import MATERIALS, NONE, PROCESSES, Rules, process_help, rules_of
 from medialis.walls.thickness import thickness, unresolved_walls, wall_balls
@@ -67,24 +68,24 @@ UNRESOLVED_SHARE = 0.02  # halved 0 %, doubled 0 %
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThicknessRun(ThinSpotOptions, Preparation):
+class ThicknessRun(ThinSpotOptions, InvariantPreparation):
     """Options of the operation `thickness`."""
 
     refine: float = changed(
         Preparation,
         "refine",
-        default=0.01,
+        auto=0.01,
         help="Split edges longer than this share of the size for the computation, so that flat "
         "faces get samples; flat faces stay the same. 0 computes with the given vertices only. A "
-        "wall is seen where the samples are closer together than it is thick.",
+        "wall is seen where the samples are closer together than it is thick. auto: 1 %, or more "
+        "where that would make too many samples.",
     )
 
 
 def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
     """Refine, shrink balls, measure, complete, list the thinnest places."""
     with progress.stage("skeleton", 0.0, 0.7):
-        sized = turning(shape, options, progress, ThicknessRun)
-        cloud = surface_skeleton.of(shape, sized, progress)
+        cloud = surface_skeleton.of(shape, options, progress)
     fine = cloud.surface
     # A length means the shape that was given; smooth refinement may bulge out of its box.
     same = options.threshold * shape.diagonal / fine.diagonal
@@ -355,11 +356,12 @@ class WallCheckRun(Preparation):
         "process says, else not looked at.",
     )
     rib_ratio: float = number(
-        RATIO,
+        AUTO,
         "Rib ratio",
-        "Ribs and bosses thicker than this share of the wall that they stand on are counted. A "
-        "process says it where this is not changed.",
+        "Ribs and bosses thicker than this share of the wall that they stand on are counted. auto: "
+        "as the process says, else 0.6.",
         high=100.0,
+        auto=RATIO,
     )
     min_spoke_angle: float = changed(
         ThicknessRun,
@@ -377,6 +379,16 @@ class WallCheckRun(Preparation):
         advanced=True,
     )
     refine: float = changed(ThicknessRun, "refine")
+
+    def suited(
+        self, data: Any, starts: Mapping[str, float], progress: Progress
+    ) -> dict[str, float]:
+        """Choose the ratio of ribs by the process, and the rest by the shape."""
+        chosen = super().suited(data, starts, progress)
+        if "rib_ratio" in starts:
+            rules = rules_of(self.rules, self.process)
+            chosen["rib_ratio"] = starts["rib_ratio"] if rules is None else rules.rib_ratio
+        return chosen
 
 
 def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> Outcome:
@@ -475,9 +487,8 @@ def _limits(shape: Shape, options: WallCheckRun) -> WallLimits:
             f"The minimum of {with_unit(low, shape.unit)} is above the maximum of "
             f"{with_unit(high, shape.unit)}."
         )
-    ratio = rules.rib_ratio if options.rib_ratio == RATIO else options.rib_ratio
     lines = asked("line_width"), rules.line_tolerance, rules.most_lines
-    return WallLimits(low, high, asked("gap"), options.regions, ratio, *lines)
+    return WallLimits(low, high, asked("gap"), options.regions, options.rib_ratio, *lines)
 
 
 def _codes(check: WallCheck) -> dict[str, IntArray]:

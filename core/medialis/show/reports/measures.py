@@ -323,11 +323,11 @@ def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
     -------
     dict
         ``verdict`` (see `verdicts`), ``input`` (the diagnosis before repair, and of the shape as
-        computed on), ``parameters``, ``values``, ``balls`` (how many samples have one, and which
-        are measured), ``reconstruction`` and ``emptiness`` (per cent of the diagonal),
-        ``envelope`` (the same of a medial mesh), ``centredness`` (share of the radius),
-        ``topology``, ``histograms``, ``thin_spots``, ``tables``, ``messages``, ``seconds``,
-        ``versions``.
+        computed on), ``parameters``, ``automatic`` (those that were chosen), ``values``, ``balls``
+        (how many samples have one, and which are measured), ``reconstruction`` and ``emptiness``
+        (per cent of the diagonal), ``envelope`` (the same of a medial mesh), ``centredness`` (share
+        of the radius), ``topology``, ``histograms``, ``thin_spots``, ``tables``, ``messages``,
+        ``seconds``, ``versions``.
     """
     shape = result.shape
     before = None if shape.diagnosis is None else shape.diagnosis.as_dict()
@@ -340,6 +340,7 @@ def measure(result: Result, *, source: str | None = None) -> dict[str, Any]:
         "input": {"as_read": before, "as_computed": after.as_dict()},
         "unit": result.shape.unit,
         "parameters": dict(result.parameters),
+        "automatic": list(result.automatic),
         "values": {
             name: value for name, value in result.values.items() if name not in (SPOTS, *TABLES)
         },

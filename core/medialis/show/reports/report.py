@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.options import AUTO, Kind
 from medialis.base.progress import Progress, ProgressCallback, counted
 from medialis.base.threads import run_patiently
 from medialis.formats.json_npz import json_text
-from medialis.operations.declaration import Kind
 from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result, quantity, unit_of
 from medialis.show.picture import draw_result, draw_turntable
@@ -264,11 +264,14 @@ def _parameters(measures: Mapping[str, Any]) -> str:
         if name in known:
             kind, usual = known[name].kind, known[name].default
         default = f"default: {_with_unit(kind, usual)}" if value != usual else ""
+        default = "automatic" if name in measures["automatic"] else default
         rows.append((named(name), _with_unit(kind, value), default))
     return table(rows)
 
 
 def _with_unit(kind: Kind | None, value: Any) -> str:
+    if value == AUTO:
+        return "automatic"
     if kind is Kind.LENGTH:
         return f"{number(100 * value)} % of the diagonal"
     if kind is Kind.ANGLE:
