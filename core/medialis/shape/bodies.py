@@ -14,7 +14,7 @@ bore even where both have other facets.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -151,8 +151,9 @@ def _numbered(
         dict[tuple[int, int], list[_Meeting]](),
     )
     for a, b in pairs.tolist():
-        key = tuple(sorted((int(of_part[a]), int(of_part[b]))))
-        if key[0] == key[1]:
+        low, high = sorted((int(of_part[a]), int(of_part[b])))
+        key = low, high
+        if low == high:
             continue
         both = meetings[a, b], meetings[b, a]
         if min(one.gap for one in both) <= NEAR * diagonal:
@@ -206,14 +207,14 @@ def _closed_parts(surface: Surface, of_face: Index, count: int) -> tuple[Mask, F
     table = surface.edge_table
     direction = np.where(table.forward[table.order], 1, -1)
     open_edges = np.add.reduceat(direction, table.first[:-1]) != 0
-    closed = np.ones(count, np.bool_)
+    closed: Mask = np.ones(count, np.bool_)
     closed[of_face[table.order[table.first[:-1][open_edges]] // 3]] = False
     corners = surface.points[surface.topology.faces]
     sizes = np.bincount(of_face, minlength=count)
     middle = sums_of(of_face, corners.mean(axis=1), count) / sizes[:, None]
     corners = corners - middle[of_face][:, None]
     volume = np.einsum("fa,fa->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    return closed, np.bincount(of_face, volume, count)
+    return closed, np.asarray(np.bincount(of_face, volume, count), np.float64)
 
 
 def _around(surface: Surface, part: Index, of_face: Index, inner: int, outward: Mask) -> int | None:
@@ -240,8 +241,8 @@ class _Solid:
         from medialis.shape.normals import ring_normals
 
         used, corners = np.unique(surface.topology.faces[faces], return_inverse=True)
-        corners = corners.reshape(-1, 3).astype(np.int32)
-        self.vertices = used
+        corners = frozen(corners.reshape(-1, 3), np.int32)
+        self.vertices = used.astype(np.int64)
         self.mesh = Surface.of_checked(surface.points[used], corners)
         self.bulges = np.zeros((len(faces), 3)) if bulges is None else bulges[faces]
         self._tree = NearestTree.of_triangles(self.mesh.points, corners)
@@ -383,9 +384,9 @@ def _places(solid: _Solid, low: FloatArray, high: FloatArray, spacing: float) ->
         places = np.einsum("qj,qja->qa", weights, corners[faces])
         places += heights[:, None] * mesh.face_normals[faces]
         found.append(_Places(places, faces, heights, mesh.face_areas[faces] / count))
-    every = _Places(*(np.concatenate(columns) for columns in zip(*found, strict=True)))
-    within = ((every.places >= low) & (every.places <= high)).all(axis=1)
-    return _Places(*(column[within] for column in every))
+    columns: list[Any] = [np.concatenate(column) for column in zip(*found, strict=True)]
+    within = ((columns[0] >= low) & (columns[0] <= high)).all(axis=1)
+    return _Places(*(column[within] for column in columns))
 
 
 def _middles(parts: int) -> FloatArray:

@@ -35,7 +35,13 @@ from medialis.shape.creases import Creases, find_creases
 from medialis.shape.noise import noise_above, smooth_noise
 from medialis.shape.normals import CREASE_ANGLE
 from medialis.shape.reading import ShapeLike, as_shape
-from medialis.shape.refinement import RefineOptions, affordable_edge, on_smooth_surface, refine
+from medialis.shape.refinement import (
+    RefineOptions,
+    affordable_edge,
+    on_smooth_surface,
+    refine,
+    with_refined_parts,
+)
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import (
     COLUMNS,
@@ -64,6 +70,9 @@ surfaces, normals between those of the sides mean nothing."""
 
 FOLDED = 3.0  # halved 8 %, doubled 0 %
 """Radians: faces that bend by more lie on each other; nothing lies between their normals."""
+
+MAX_TOLERANCE = 0.1
+"""Fraction of the diagonal."""
 
 FLAT_SHARE = 1e-9  # halved 0 %, doubled 0 %
 """Of the largest spread of points: where the least is below, the shape is flat to rounding."""
@@ -170,6 +179,7 @@ def points_apart(points: FloatArray, order: Index, distance: float) -> Mask:
 class BallOptions(ShrinkOptions):
     """Options of `maximal_balls`."""
 
+    tolerance: float = changed(ShrinkOptions, "tolerance", default=AUTO, auto=DEFAULT_TOLERANCE)
     creases: float = angle(
         CREASE_ANGLE,
         "Creases",
@@ -202,8 +212,9 @@ def maximal_balls(
         if out_walls is not None and walls is not None:
             out_walls.append(walls)
     cloud = _put_together(shape, sets, found)
-    cured.note(options.tolerance, shape.point_count, progress)
-    note_outcome(cloud, options.tolerance, progress)
+    tolerance = DEFAULT_TOLERANCE if options.tolerance == AUTO else options.tolerance
+    cured.note(tolerance, shape.point_count, progress)
+    note_outcome(cloud, tolerance, progress)
     return cloud
 
 
@@ -261,26 +272,30 @@ class _BallSet:
 def _ball_sets(shape: Shape, options: BallOptions, progress: Progress) -> list[_BallSet]:
     """Return what balls are computed together: the whole shape where no bodies touch.
 
-    Else inner balls are computed in turns: bodies that are near each other come in different ones
+    With an automatic tolerance each body that is near others is a set of its own, as if it were
+    alone. Else the tolerance is a length, and bodies that are not near each other form a set
     (`Bodies.turns`).
     """
+    automatic = options.tolerance == AUTO
+    given = replace(options, tolerance=DEFAULT_TOLERANCE) if automatic else options
     if shape.faces is None or options.side == "outer":
-        return [_BallSet(shape, options)]
+        return [_BallSet(shape, given)]
     bodies = run_patiently(lambda: shape.body_contacts, progress)
-    turn = bodies.turns
+    alone = run_patiently(lambda: _lone_bodies(shape), progress) if automatic else None
+    turn = bodies.turns if alone is None else alone
     if turn.max(initial=0) == 0:
-        return [_BallSet(shape, options)]
+        return [_BallSet(shape, given)]
     sets = []
-    for number in range(int(turn.max()) + 1):
+    for number in np.unique(turn):
         part, samples, faces = shape.some_bodies(turn[bodies.label] == number)
-        share = shape.diagonal / part.diagonal
-        lengths = {
-            "tolerance": options.tolerance * share,
-            "largest_radius": options.largest_radius * share,
-        }
-        sets.append(_BallSet(part, replace(options, side="inner", **lengths), samples, faces))
+        own = replace(given, side="inner")
+        if alone is None or number == 0:
+            share = shape.diagonal / part.diagonal
+            tolerance = min(given.tolerance * share, MAX_TOLERANCE)
+            own = replace(own, tolerance=tolerance)
+        sets.append(_BallSet(part, own, samples, faces))
     if options.side == "both":
-        sets.append(_BallSet(shape, replace(options, side="outer")))
+        sets.append(_BallSet(shape, replace(given, side="outer")))
     return sets
 
 
@@ -482,10 +497,6 @@ def _balls(
     return balls.subset(balls.valid & ~at_own & ~outside)  # in folds a direction may look outward
 
 
-MAX_TOLERANCE = 0.1
-"""Fraction of the diagonal."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Preparation(Options):
     """Options of what comes before everything that rests on balls."""
@@ -530,7 +541,8 @@ class Preparation(Options):
     ) -> dict[str, float]:
         """Choose tolerance and longest edge; balls that are given have theirs already.
 
-        The tolerance is at least the noise that smoothing leaves. The longest edge grows until the
+        Where bodies touch, each has lengths of its own, as if it were alone: "auto" stays. Else the
+        tolerance is at least the noise that smoothing leaves. The longest edge grows until the
         number of samples is in proportion to the mesh (`affordable_edge`); a dense mesh keeps its
         vertices, and a point cloud is not refined.
         """
@@ -538,6 +550,8 @@ class Preparation(Options):
             return {}
         scale = run_patiently(lambda: self.size_scale(data), progress)
         clean, _, left = _without_noise(data, self.denoise, progress)
+        if clean is data and run_patiently(lambda: _lone_bodies(data), progress) is not None:
+            return {}  # each body has its own: `_refined`, `_ball_sets`
         chosen = {}
         if "tolerance" in starts:
             noise = 0.0 if clean is data else left / data.diagonal
@@ -733,12 +747,17 @@ def _without_noise(shape: Shape, denoise: str, progress: Progress) -> tuple[Shap
 def _refined(
     shape: Shape, options: Preparation, progress: Progress, finer: Finer | None = None
 ) -> Shape:
-    """Refine a coarse mesh and say so."""
+    """Refine a coarse mesh and say so; with "auto" each body that touches others by itself."""
     fraction = options.refine
     if fraction == 0.0 or shape.faces is None:
         return shape
+    each = ""
     with progress.stage("refine", 0.0, 0.1):
-        fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
+        if fraction == AUTO:
+            each = " of each body"
+            fine, fraction = _refined_bodies(shape, options.automatic()["refine"], progress)
+        else:
+            fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if finer is not None:
         fine = finer(fine)
     if fine is not shape:
@@ -746,8 +765,8 @@ def _refined(
             creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
             fine = run_patiently(lambda: on_smooth_surface(shape, fine, creases), progress)
         progress.note(
-            f"The mesh was refined: {shape.point_count:,} vertices became "
-            f"{fine.point_count:,} samples, at most {100 * fraction:.3g} % of the diagonal apart "
+            f"The mesh was refined: {shape.point_count:,} vertices became {fine.point_count:,} "
+            f"samples, at most {100 * fraction:.3g} % of the diagonal{each} apart "
             "(refine = 0 turns this off).",
             "refined",
             vertices=shape.point_count,
@@ -757,12 +776,45 @@ def _refined(
     return fine
 
 
+def _refined_bodies(shape: Shape, start: float, progress: Progress) -> tuple[Shape, float]:
+    """Refine each body that is near others as if it were alone; return the largest fraction."""
+    number, label, parts, largest = _lone_bodies(shape), shape.bodies, [], 0.0
+    assert number is not None
+    for one in np.unique(number):
+        part, points, faces = shape.some_bodies(number[label] == one)
+        edge = run_patiently(partial(_suited_edge, part, start), progress)
+        fine = refine.of(part, RefineOptions(longest_edge=edge), progress.still)
+        parts.append((fine, points, faces))
+        largest = max(largest, edge)
+    return with_refined_parts(shape, parts), largest
+
+
 def _suited_edge(shape: Shape, fraction: float) -> float:
     """Return the longest edge for a mesh, as a fraction of its diagonal, from a fraction on."""
     if not _dense(shape, fraction * shape.diagonal):
         return affordable_edge(shape, fraction)
     longest = float(shape.edge_lengths.max(initial=0.0))
     return max(fraction, longest / (shape.diagonal or 1.0) * (1.0 + 1e-12))
+
+
+MAX_LONE_BODIES = 100
+"""Bodies of an assembly that have lengths of their own, at most; each costs what it would alone."""
+
+
+def _lone_bodies(shape: Shape) -> Index | None:
+    """Return a number for each body, (b,); None where no bodies are near each other, or too many.
+
+    Bodies that are near others have different numbers, above 0; all others have 0.
+    """
+    if shape.faces is None or shape.part_count < 2:
+        return None
+    bodies = shape.body_contacts
+    near = np.unique(bodies.near)
+    if len(near) == 0 or len(near) > MAX_LONE_BODIES:
+        return None
+    number = np.zeros(bodies.count, np.int64)
+    number[near] = 1 + np.arange(len(near))
+    return number
 
 
 def _dense(shape: Shape, longest: float) -> bool:
