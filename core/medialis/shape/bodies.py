@@ -14,6 +14,7 @@ bore even where both have other facets.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,8 +41,8 @@ UNSURE = 0.3
 GRID = 0.03
 """Fraction of the diagonal: spacing of points on large faces, for the comparison with others."""
 
-MAX_GRID = 24
-"""Points along the side of a face, at most."""
+MAX_GRID = 100
+"""Points along the longest side of a face, or across it, at most."""
 
 PROBES = 9
 """Vertices of a component that tell whether it lies in another one."""
@@ -240,9 +241,9 @@ class _Solid:
     def __init__(self, surface: Surface, faces: Index, bulges: FloatArray | None = None) -> None:
         from medialis.shape.normals import ring_normals
 
-        used, corners = np.unique(surface.topology.faces[faces], return_inverse=True)
-        corners = frozen(corners.reshape(-1, 3), np.int32)
-        self.vertices = used.astype(np.int64)
+        used, place = np.unique(surface.topology.faces[faces], return_inverse=True)
+        corners: IntArray = frozen(place.reshape(-1, 3).astype(np.int32), np.int32)
+        self.vertices = np.asarray(used, np.int64)
         self.mesh = Surface.of_checked(surface.points[used], corners)
         self.bulges = np.zeros((len(faces), 3)) if bulges is None else bulges[faces]
         self._tree = NearestTree.of_triangles(self.mesh.points, corners)
@@ -272,6 +273,23 @@ class _Solid:
         outward = np.sign(np.einsum("qa,qa->q", away, normals))
         height = self.heights(row, weights)
         return np.linalg.norm(away, axis=1) * outward - height, height, normals
+
+    @cached_property
+    def longest_edge(self) -> float:
+        """Length of the longest edge."""
+        return float(self.mesh.edge_lengths.max(initial=0.0))
+
+    def holds(self, mesh: Surface, far: Mask) -> bool:
+        """Return whether vertices of a mesh, all far from this surface, are inside.
+
+        Vertices that edges join are on the same side: one of each group is compared.
+        """
+        if not far.any():
+            return False
+        links = mesh.edges[far[mesh.edges].all(axis=1)]
+        groups = np.where(far, piece_labels(mesh.point_count, links), -1)
+        first = np.unique(groups, return_index=True)[1]
+        return bool((self.distances(mesh.points[first[far[first]]])[0] < 0.0).any())
 
     def heights(self, faces: Index, weights: FloatArray) -> FloatArray:
         """Return how far the smooth surface lies outward of positions on faces, (q,)."""
@@ -336,10 +354,18 @@ class _Meeting:
 
         `diagonal` is that of the whole.
         """
-        reach = NEAR * diagonal
+        reach = max(NEAR * diagonal, 0.5 * one.longest_edge) + other.longest_edge
         low, high = other.mesh.bounds[0] - reach, other.mesh.bounds[1] + reach
-        inside = ((one.mesh.points >= low) & (one.mesh.points <= high)).all(axis=1)
-        vertices, on_faces = np.flatnonzero(inside), _places(one, low, high, GRID * diagonal)
+        inside: Mask = ((one.mesh.points >= low) & (one.mesh.points <= high)).all(axis=1)
+        rows = np.flatnonzero(inside)
+        near = np.zeros(len(inside), np.bool_)
+        near[rows] = np.isfinite(
+            other.mesh.tree.query(one.mesh.points[rows], distance_upper_bound=reach)[0]
+        )
+        if closed and other.holds(one.mesh, inside & ~near):
+            return cls(np.inf, -np.inf, 0.0, rows[:0])
+        vertices: Index = np.flatnonzero(near)
+        on_faces = _places(one, near, GRID * diagonal)
         count = len(vertices)
         if count + len(on_faces.faces) == 0:
             return cls(-np.inf, np.inf, 0.0, vertices)
@@ -366,37 +392,44 @@ class _Places(NamedTuple):
     areas: FloatArray
 
 
-def _places(solid: _Solid, low: FloatArray, high: FloatArray, spacing: float) -> _Places:
-    """Spread positions over the faces of a body within a box."""
+def _places(solid: _Solid, near: Mask, spacing: float) -> _Places:
+    """Spread positions over the faces of a body with a vertex that is near the other body."""
     mesh = solid.mesh
-    corners = mesh.points[mesh.topology.faces]
-    inside = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
-    rows = np.flatnonzero(inside.all(axis=1))
-    sides = np.linalg.norm(corners[rows] - np.roll(corners[rows], 1, axis=1), axis=2).max(axis=1)
-    parts = np.clip(np.ceil(sides / spacing), 1, MAX_GRID).astype(np.int64)
+    rows = np.flatnonzero(near[mesh.topology.faces].any(axis=1))
+    corners = mesh.points[mesh.topology.faces[rows]]
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    first, longest = sides.argmax(axis=1), sides.max(axis=1)
+    height = 2.0 * mesh.face_areas[rows] / np.maximum(longest, 1e-300)
+    along, across = (
+        np.clip(np.ceil(length / spacing), 1, MAX_GRID).astype(np.int64)
+        for length in (longest, height)
+    )
     found = [_Places(np.empty((0, 3)), rows[:0], np.empty(0), np.empty(0))]
-    for k in np.unique(parts).tolist():
-        weights = _middles(k)
-        count = len(weights)
-        faces = np.repeat(rows[parts == k], count)
-        weights = np.tile(weights, (len(faces) // count, 1))
-        heights = solid.heights(faces, weights)
-        places = np.einsum("qj,qja->qa", weights, corners[faces])
+    for k in np.unique(along * (MAX_GRID + 1) + across).tolist():
+        count = divmod(k, MAX_GRID + 1)
+        mine = np.flatnonzero((along == count[0]) & (across == count[1]))
+        weights, shares = _grid(*count)
+        turn = (np.arange(3) - first[mine, None]) % 3
+        spread = weights[:, turn].transpose(1, 0, 2).reshape(-1, 3)
+        faces = np.repeat(rows[mine], len(weights))
+        heights = solid.heights(faces, spread)
+        places = np.einsum("qj,qja->qa", spread, np.repeat(corners[mine], len(weights), axis=0))
         places += heights[:, None] * mesh.face_normals[faces]
-        found.append(_Places(places, faces, heights, mesh.face_areas[faces] / count))
+        areas = mesh.face_areas[faces] * np.tile(shares, len(mine))
+        found.append(_Places(places, faces, heights, areas))
     columns: list[Any] = [np.concatenate(column) for column in zip(*found, strict=True)]
-    within = ((columns[0] >= low) & (columns[0] <= high)).all(axis=1)
-    return _Places(*(column[within] for column in columns))
+    return _Places(*columns)
 
 
-def _middles(parts: int) -> FloatArray:
-    """Return barycentric coordinates of the middles of the parts of a face, (parts^2, 3)."""
-    i, j = (g.ravel() for g in np.meshgrid(np.arange(parts), np.arange(parts), indexing="ij"))
-    up, down = i + j < parts, i + j < parts - 1
-    first = np.stack([i[up] + 1 / 3, j[up] + 1 / 3], axis=1)
-    second = np.stack([i[down] + 2 / 3, j[down] + 2 / 3], axis=1)
-    two = np.concatenate([first, second]) / parts
-    return np.column_stack([two, 1.0 - two.sum(axis=1)])
+def _grid(along: int, across: int) -> tuple[FloatArray, FloatArray]:
+    """Return positions along and across the first side of a face, (k, 3), and shares of its area.
+
+    As barycentric coordinates.
+    """
+    u = np.tile((np.arange(along) + 0.5) / along, across)
+    v = np.repeat((np.arange(across) + 0.5) / across, along)
+    weights = np.stack([(1.0 - v) * (1.0 - u), (1.0 - v) * u, v], axis=1)
+    return weights, 2.0 * (1.0 - v) / (along * across)
 
 
 def _meeting_pairs(surface: Surface, label: IntArray, count: int) -> Index:

@@ -215,7 +215,30 @@ def maximal_balls(
     tolerance = DEFAULT_TOLERANCE if options.tolerance == AUTO else options.tolerance
     cured.note(tolerance, shape.point_count, progress)
     note_outcome(cloud, tolerance, progress)
+    if shape.part_count > 1 and options.side != "outer":
+        _note_contacts(shape, progress)
     return cloud
+
+
+def _note_contacts(shape: Shape, progress: Progress) -> None:
+    """Report bodies that touch."""
+    contacts = shape.body_contacts.contacts
+    if not contacts:
+        return
+    bodies = len({number for contact in contacts for number in contact.bodies})
+    overlap = max(0.0, *(-contact.gap for contact in contacts))
+    area = sum(contact.area for contact in contacts)
+    text = (
+        f"{bodies:,} bodies touch in {counted(len(contacts), 'contact')}: each has balls of its "
+        "own, as if it were alone."
+    )
+    data: dict[str, Any] = {
+        "contacts": len(contacts),
+        "bodies": bodies,
+        "area": area,
+        "overlap": overlap,
+    }
+    progress.note(text, "contacts", **data)
 
 
 @dataclass(frozen=True, eq=False)
