@@ -265,6 +265,7 @@ class _Solid:
         normals : (q, 3) float64
             Outward directions there, not of unit length.
         """
+        places = np.ascontiguousarray(places)
         row = self._tree.distances(places)[1].astype(np.int64)
         corners = self.mesh.points[self.mesh.topology.faces[row]]
         weights = nearest_on_triangles(places, corners)
@@ -356,7 +357,8 @@ class _Meeting:
         """
         reach = max(NEAR * diagonal, 0.5 * one.longest_edge) + other.longest_edge
         low, high = other.mesh.bounds[0] - reach, other.mesh.bounds[1] + reach
-        inside: Mask = ((one.mesh.points >= low) & (one.mesh.points <= high)).all(axis=1)
+        within = (one.mesh.points >= low) & (one.mesh.points <= high)
+        inside = np.asarray(within[:, 0] & within[:, 1] & within[:, 2])
         rows = np.flatnonzero(inside)
         near = np.zeros(len(inside), np.bool_)
         near[rows] = np.isfinite(
