@@ -53,7 +53,10 @@ _INSTALL = {
     "step": ("cascadio", "STEP files are read through cascadio", "cad"),
     "3mf": ("", "", ""),
 }
-_ARRAYS = {"points": "<f8", "faces": "<i8", "patches": "<i4", "normals": "<f8", "planes": "<i4"}
+_ARRAYS = {
+    **{"points": "<f8", "faces": "<i8", "patches": "<i4", "normals": "<f8", "planes": "<i4"},
+    "bodies": "<i4",
+}
 """What a process tells, three numbers a row, or one of those of four bytes."""
 
 _BUFFERS = re.compile(rb'"uri"\s*:\s*"(?!data:)([^"\\]{1,1000})"')
@@ -63,7 +66,8 @@ _BUFFERS = re.compile(rb'"uri"\s*:\s*"(?!data:)([^"\\]{1,1000})"')
 class Foreign:
     """What a file holds: points (n, 3), triangles (m, 3), its unit, and the CAD face of each.
 
-    And the normals (n, 3) of the CAD model, zero at its edges, and the flat face of each triangle.
+    And the normals (n, 3) of the CAD model, zero at its edges, the flat face of each triangle, and
+    the body of the file that it belongs to.
     """
 
     points: FloatArray
@@ -72,6 +76,7 @@ class Foreign:
     patches: IntArray | None = None
     normals: FloatArray | None = None
     planes: IntArray | None = None
+    bodies: IntArray | None = None
 
 
 def parsed_foreign(kind: str, data: bytes, name: str) -> Foreign:
@@ -151,7 +156,7 @@ def _taken(said: bytes) -> Foreign:
         length = count * width * np.dtype(kind).itemsize
         arrays[name] = np.frombuffer(rest[:length], kind).reshape(count, width)
         rest = rest[length:]
-    for name in ("patches", "planes", "normals"):
+    for name in ("patches", "planes", "bodies", "normals"):
         rows, of = arrays[name], "points" if name == "normals" else "faces"
         if len(rows) not in (0, len(arrays[of])):
             raise InvalidShapeError("its parser failed: it is damaged.")
@@ -203,7 +208,8 @@ def _parsed(kind: str, data: bytes, folder: str) -> Foreign:
     if kind == "3mf":
         from medialis.formats.three_mf import parse_three_mf
 
-        return Foreign(*parse_three_mf(data))
+        points, faces, unit, bodies = parse_three_mf(data)
+        return Foreign(points, faces, unit, bodies=bodies)
     return _through_trimesh(data, kind, folder)
 
 
@@ -216,13 +222,33 @@ def _through_trimesh(data: bytes, kind: str, folder: str) -> Foreign:
     loaded: Any = trimesh.load(
         io.BytesIO(data), file_type=kind, process=False, resolver=cast(Any, _Beside(folder)), **more
     )
+    bodies = None
     if isinstance(loaded, trimesh.Scene):
-        loaded = loaded.to_mesh()
+        meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh)]
+        bodies = _bodies_of(loaded, meshes)
+        loaded = trimesh.util.concatenate(meshes) if meshes else loaded.to_mesh()
     points = np.array(loaded.vertices, np.float64).reshape(-1, 3)
     faces = np.array(getattr(loaded, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
     unit = getattr(loaded, "units", None)
     # glTF knows metres alone.
-    return Foreign(points, faces, "m" if kind in ("glb", "gltf") else str(unit) if unit else None)
+    metres = kind in ("glb", "gltf")
+    return Foreign(points, faces, "m" if metres else str(unit) if unit else None, bodies=bodies)
+
+
+def _bodies_of(scene: Any, meshes: list[Any]) -> IntArray:
+    """Return the number of the node that each triangle of the meshes of a scene belongs to.
+
+    A mesh of several materials has a part for each of them, in a node of its own below that of the
+    mesh: these are one body.
+    """
+    numbers: dict[Any, int] = {}
+    rows = []
+    for k, mesh in enumerate(meshes):
+        node = mesh.metadata.get("node", k)
+        if mesh.metadata.get("from_gltf_primitive"):
+            node = scene.graph.transforms.parents.get(node, node)
+        rows.append(np.full(len(mesh.faces), numbers.setdefault(node, len(numbers)), np.int32))
+    return np.concatenate(rows) if rows else np.empty(0, np.int32)
 
 
 class _Beside:

@@ -315,7 +315,9 @@ def _read_foreign(kind: str, data: bytes, name: str) -> MeshData:
     found = parsed_foreign(kind, data, name)
     counts = np.full(len(found.faces), 3, np.int64)
     mesh = _checked(ParsedMesh(found.points, counts, found.faces.ravel()), kind, ())
-    mesh = replace(mesh, unit=found.unit, own_up=_collada_up(data) if kind == "dae" else None)
+    bodies = None if found.bodies is None else frozen(found.bodies, np.int32)
+    up = _collada_up(data) if kind == "dae" else None
+    mesh = replace(mesh, unit=found.unit, own_up=up, bodies=bodies)
     if found.patches is None:
         return mesh
     faces = int(found.patches.max()) + 1

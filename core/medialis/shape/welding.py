@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,7 @@ class Weld:
                 f"Welded {counted(self.near, 'vertex')} of cracks at most {self.distance:.3g} from "
                 "another one, the precision of the coordinates, where that closes the mesh."
             )
-            data = {"vertices": self.near, "distance": self.distance}
+            data: dict[str, Any] = {"vertices": self.near, "distance": self.distance}
             result.append(Message(text, "cracks_welded", **data))
         if self.parted:
             text = f"Kept {self.parted} bodies apart that touch in shared vertices."
