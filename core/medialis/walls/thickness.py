@@ -34,7 +34,7 @@ from medialis.base.validation import FloatArray, IntArray, as_choice, as_field, 
 from medialis.shape.creases import find_creases
 from medialis.shape.normals import CREASE_ANGLE
 from medialis.shape.shape import Shape
-from medialis.skeleton.medial_cloud import MedialCloud, sample_tree
+from medialis.skeleton.medial_cloud import THINNEST, MedialCloud, sample_tree
 from medialis.skeleton.surface_skeleton import as_cloud
 from medialis.skeleton.triangle_balls import Walls
 from medialis.walls.completion import CompletedField, complete, complete_again
@@ -550,7 +550,7 @@ def _diameters(
         return None
     own = np.full(cloud.surface.point_count, np.nan)
     own[cloud.source[rows]] = 2.0 * cloud.radii[rows]
-    walls = cloud.with_wall_angle(rows, angle)
+    walls = _real_walls(cloud, cloud.with_wall_angle(rows, angle))
     sizes = np.full(len(cloud), np.nan)
     sizes[walls] = 2.0 * cloud.radii[walls]
     values = field_on_surface(cloud, sizes, reduce="max")
@@ -563,7 +563,13 @@ def wall_balls(cloud: MedialCloud, angle: float = WALL_ANGLE) -> Index:
 
     `angle` is in degrees. Those of a rounded rim have less than is asked of walls.
     """
-    return np.flatnonzero((cloud.side > 0) & (cloud.wall_angles >= least_wall_angle(angle)))
+    rows = np.flatnonzero((cloud.side > 0) & (cloud.wall_angles >= least_wall_angle(angle)))
+    return _real_walls(cloud, rows)
+
+
+def _real_walls(cloud: MedialCloud, rows: Index) -> Index:
+    """Return the rows of balls that are not points: at a feather edge two sides meet."""
+    return rows[2.0 * cloud.radii[rows] > THINNEST * cloud.surface.diagonal]
 
 
 def least_wall_angle(angle: float) -> float:
