@@ -438,8 +438,8 @@ def _add_up(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--up",
         choices=AXES,
-        help="the axis that points up in pictures (default: y in glTF, z in STL, 3MF and STEP, "
-        "what a Collada file says, else as the shape stands)",
+        help="the axis that points up in pictures (default: y in glTF, z in STL, 3MF, STEP, "
+        "LAS and E57, what a Collada file says, else as the shape stands)",
     )
 
 
