@@ -79,7 +79,7 @@ KINDS = (sphere, plane, dense_middle, pole, rounded_pole, wire, line, helix, twi
 
 
 def with_outliers(points, share, rng):
-    """A share more points, anywhere in a box that is a fifth larger, and a quarter thick or more."""
+    """A share more points, anywhere in a box that is a fifth larger and a fifth thick or more."""
     size = np.ptp(points, axis=0)
     half = 0.6 * np.maximum(size, 0.2 * size.max())
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))

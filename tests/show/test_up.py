@@ -59,7 +59,7 @@ def test_clouds_stand_on_z_unless_they_clearly_stand_on_y(tmp_path, count):
     turn, away = 2 * np.pi * rng.random(count), 0.2 + 0.6 * np.maximum(height - 3, 0)
     tree = np.column_stack([away * np.cos(turn), away * np.sin(turn), height])
     standing = np.column_stack([4 * rng.random((count, 2)), np.zeros(count)])  # on a wide base
-    bust = np.concatenate([standing, [2, 2, 0] + rng.random((count, 3))])
+    bust = np.concatenate([standing, rng.random((count, 3)) + np.array([2, 2, 0])])
     for points, axis in ((tree, "z"), (bust, "z"), (bust[:, [0, 2, 1]], "y")):
         path = tmp_path / "a.xyz"
         np.savetxt(path, points)

@@ -14,9 +14,9 @@ import math
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask
+from medialis.base.arrays import Mask
 from medialis.base.progress import Progress
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.clouds.smoothing import neighbours_of
 
 NEIGHBOUR = 6
@@ -81,7 +81,7 @@ def _much_farther(places: FloatArray, progress: Progress) -> Mask:
     return np.asarray(ratio > mean + max(math.log(MIN_RATIO), MAX_DEVIATIONS * deviation))
 
 
-def _spacing(places: FloatArray, near: Index) -> FloatArray:
+def _spacing(places: FloatArray, near: IntArray) -> FloatArray:
     """Return the logarithm of the distance of each place to its sixth neighbour."""
     return np.log(np.linalg.norm(places[near[:, NEIGHBOUR - 1]] - places, axis=1))
 

@@ -50,6 +50,7 @@ from medialis.skeleton.medial_cloud import ShrinkOptions, shrink_balls
 
 if TYPE_CHECKING:
     from medialis.robots._hull_kernels import Facets
+    from medialis.shape.diagnosis import Diagnosis
 
 SIDE, FINER = 0.04, 0.25
 """Diagonals: sides of the small triangles; no more than this share of the root of the error, since
@@ -215,25 +216,7 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
         raise InvalidShapeError("All points of the shape coincide: it encloses nothing.")
     middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
     given = (shape.points - middle) / scale, shape.faces
-    if _is_double_sheet(shape):
-        points, faces, holes = given[0], _with_backs(shape.faces), 0
-        text = (
-            "The mesh is a sheet whose faces are written twice: it encloses nothing, and its "
-            "openings stay open. The pieces hold the sheet."
-        )
-        progress.warn(text, "double_sheet", faces=len(faces) // 2)
-        cut = _Cut.of_sheet(Solid(points, faces), options.error)
-    else:
-        points, faces, holes = without_holes(*given, np.inf, MOST_BORDER)
-        cut = _Cut.of(Solid(points, faces), len(shape.faces), options.error)
-    if holes:
-        _report_closed_holes(cut.solid, len(shape.faces), holes, options.error, progress)
-    if cut.sheet_share > 0.0:
-        text = (
-            f"{100 * cut.sheet_share:.3g} % of the surface encloses nothing (sheets, parts that "
-            "face inward): the pieces hold it as thin sheets."
-        )
-        progress.warn(text, "sheets", share=cut.sheet_share)
+    cut = _cut_of(*given, shape.diagnosis, options.error, progress)
     one = _as_one(cut)
     if one is not None:
         hulls = [one]
@@ -248,15 +231,44 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
     return pieces
 
 
-def _is_double_sheet(shape: Shape) -> bool:
+def _cut_of(
+    points: FloatArray,
+    faces: IntArray,
+    diagnosis: Diagnosis | None,
+    error: float,
+    progress: Progress,
+) -> _Cut:
+    """Return the solid that a mesh bounds, with holes closed, or its sheet; report which."""
+    if _is_double_sheet(faces, diagnosis):
+        both = _with_backs(faces)
+        text = (
+            "The mesh is a sheet whose faces are written twice: it encloses nothing, and its "
+            "openings stay open. The pieces hold the sheet."
+        )
+        progress.warn(text, "double_sheet", faces=len(both) // 2)
+        return _Cut.of_sheet(Solid(points, both), error)
+    closed_points, closed_faces, holes = without_holes(points, faces, np.inf, MOST_BORDER)
+    cut = _Cut.of(Solid(closed_points, closed_faces), len(faces), error)
+    if holes:
+        _report_closed_holes(cut.solid, len(faces), holes, error, progress)
+    if cut.sheet_share > 0.0:
+        text = (
+            f"{100 * cut.sheet_share:.3g} % of the surface encloses nothing (sheets, parts that "
+            "face inward): the pieces hold it as thin sheets."
+        )
+        progress.warn(text, "sheets", share=cut.sheet_share)
+    return cut
+
+
+def _is_double_sheet(faces: IntArray, diagnosis: Diagnosis | None) -> bool:
     """Return whether a mesh is an open sheet whose faces are written twice.
 
     The copies are in the faces, or were dropped when the file was read.
     """
-    same, counts = np.unique(np.sort(shape.faces, axis=1), axis=0, return_counts=True)
-    dropped = 0 if shape.diagnosis is None else shape.diagnosis.duplicate_faces
-    twice = (counts > 1).all() or dropped == len(counts)
-    return bool(twice) and not _is_closed(same)
+    same, counts = np.unique(np.sort(faces, axis=1), axis=0, return_counts=True)
+    dropped = 0 if diagnosis is None else diagnosis.duplicate_faces
+    twice = bool((counts > 1).all()) or dropped == len(counts)
+    return twice and not _is_closed(np.asarray(same, np.int64))
 
 
 def _is_closed(faces: Index) -> bool:
