@@ -318,9 +318,8 @@ def _report_error(cut: _Cut, hulls: list[Hull], reached: float, progress: Progre
         return
     most = _sticking_out(cut, hulls, certain=True)
     text = (
-        f"The mesh is not closed: along {odd:,} of {edges:,} edges its faces do not face the same "
-        "side. What is inside is estimated, and so is how far pieces stick out: "
-        f"{100 * reached:.3g} % of the size, {100 * most:.3g} % if all that is doubtful is outside."
+        f"The mesh is not closed at {odd:,} of {edges:,} edges, and its inside is estimated: "
+        f"pieces stick out by {100 * reached:.3g} to {100 * most:.3g} % of the size."
     )
     data = {"edges": odd, "of": edges, "reached": reached, "most": most}
     progress.warn(text, "inside_estimated", **data)
