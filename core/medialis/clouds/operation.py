@@ -227,11 +227,12 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
     if by_surfaces:
         _note_kept_by_surfaces(found, kept, dense, tails, progress)
     else:
-        text = (
-            f"{100 * on_surfaces:.0f} % of the points are on smooth surfaces, and the others are "
-            "not sparser: outliers are points much farther from their neighbours than these from "
-            "theirs."
+        reason = (
+            "points off smooth surfaces are not sparser than those on them"
+            if on_surfaces >= 1 - MOSTLY_NOISE
+            else f"only {100 * on_surfaces:.0f} % of the points are on smooth surfaces"
         )
+        text = f"Outliers were found by the distances between points: {reason}."
         progress.note(text, "by_distances", on_surfaces=on_surfaces)
         _note_removed(int((~kept).sum()), len(kept), "isolated", progress)
     source = np.flatnonzero(kept).astype(np.int32)
