@@ -265,13 +265,13 @@ def _cut_of(
 
 
 def _is_double_sheet(faces: IntArray, diagnosis: Diagnosis | None) -> bool:
-    """Return whether a mesh is an open sheet whose faces are written twice.
+    """Return whether a mesh is an open sheet whose faces are written twice or more.
 
     The copies are in the faces, or were dropped when the file was read.
     """
     same, counts = np.unique(np.sort(faces, axis=1), axis=0, return_counts=True)
     dropped = 0 if diagnosis is None else diagnosis.duplicate_faces
-    twice = bool((counts > 1).all()) or dropped == len(counts)
+    twice = bool((counts > 1).all()) or dropped >= len(counts)
     return twice and not _is_closed(np.asarray(same, np.int64))
 
 
