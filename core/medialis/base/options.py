@@ -64,9 +64,12 @@ LENGTHS = frozenset(
     | {"minimum", "maximum", "typical", "wall", "least", "most"}
     | {"rib_thickness", "wall_thickness", "weld_length"}
     | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
-    | {"pieces_to_surface", "surface_to_pieces"}
+    | {"pieces_to_surface", "surface_to_pieces", "thickness_mean", "median_radius", "boundary"}
 )
 AREAS = frozenset({"area"})
+VOLUMES = frozenset({"volume"})
+POWERS = {1: "", 2: "²", 3: "³"}
+"""What follows the unit of a length, an area, a volume."""
 RADIANS = frozenset({"spoke_angle", "edge_angle", "fork_angle", "branch_angle"})
 """Names of values and attributes that have a unit, without _min, _median and _max."""
 
@@ -185,9 +188,11 @@ def with_unit(value: float, unit: str | None, power: int = 1) -> str:
     --------
     >>> with_unit(0.5, "mm"), with_unit(1234567.8, "mm", 2), with_unit(2.0, None)
     ('0.5 mm', '1,234,568 mm²', '2')
+    >>> with_unit(3.9, "m", 3)
+    '3.9 m³'
     """
     text = f"{value:,.0f}" if 1e3 <= abs(value) < 1e12 else f"{value:.4g}"
-    return text + (f" {unit}{'²' if power == 2 else ''}" if unit else "")
+    return text + (f" {unit}{POWERS[power]}" if unit else "")
 
 
 def mm(amount: float) -> Any:
