@@ -151,7 +151,8 @@ def test_a_parser_in_python_opens_nothing_outside_of_the_folder(tmp_path):
 @pytest.mark.parametrize(("parts", "items"), [(1, 1), (4, 7), (8, 8), (40, 3)])
 def test_an_assembly_loses_no_body(parts, items):
     """Of 8 x 8 bodies 42 were read, without a word (fixed)."""
-    points, faces, unit = parse_three_mf(assembly(parts, items))
+    points, faces, unit, bodies = parse_three_mf(assembly(parts, items))
+    assert len(np.unique(bodies)) == parts * items
     one = grid_box(1)
     assert len(points) == parts * items * len(one[0]) and unit == "mm"
     assert len(faces) == parts * items * len(one[1])
@@ -163,7 +164,7 @@ def test_placed_parts_are_turned_scaled_and_mirrored_in_turn():
     turned = '<component objectid="1" transform="0 2 0 -1 0 0 0 0 1 10 0 0"/>'
     middle = f'<object id="2"><components>{turned}</components></object>'
     item = '<item objectid="2" transform="1 0 0 0 1 0 0 0 -1 0 5 0"/>'
-    points, faces, unit = parse_three_mf(three_mf(cube() + middle, item, unit="inch"))
+    points, faces, unit, _ = parse_three_mf(three_mf(cube() + middle, item, unit="inch"))
     assert points.min(axis=0).tolist() == [9, 5, -1] and points.max(axis=0).tolist() == [10, 7, 0]
     assert volume(points, faces) == pytest.approx(2.0) and unit == "in"  # outward still
 

@@ -4,9 +4,9 @@ Files store one vertex several times: once for each triangle (STL), for each fac
 for each seam of a texture, often with other rounding. Bodies that touch, on the other hand, have
 vertices at the same positions that are not one. `weld` tells the two apart in three steps:
 
-1. Boundary vertices at exactly the same position are merged, first within each body of the file,
-   then across bodies where a boundary is left. A closed component has no boundary vertices, so it
-   is never merged with a component that it touches.
+1. Vertices at exactly the same position are merged, first within each body of the file, then across
+   bodies where something is open. Closed components are left alone: none is merged with a component
+   that it touches.
 2. Boundary edges that run along each other within `weld_distance` are merged, where that collapses
    no face. The distance follows from the precision of the coordinates (`coordinate_step`).
 3. Files without shared vertices do not say which triangles form a body, so step 1 merges the
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import EdgeTable, Index, Mask, first_equal_row, next_side, unit_rows
 from medialis.base.progress import Message, counted
 from medialis.base.validation import FloatArray, IntArray
-from medialis.shape.surface import Surface, piece_labels
+from medialis.shape.surface import Surface, Topology, piece_labels
 
 STEPS = 2.0
 """Weld distance in steps of the coordinates: two roundings of one position differ by one step in
@@ -156,23 +156,29 @@ def weld(surface: Surface, bodies: IntArray | None = None) -> Weld:
         result = _merged(result, _stand_ins(surface), exact=True)
     elif surface.topology.is_solid:
         return result
-    # First within the bodies of the file, then across them where a boundary is left.
-    table = EdgeTable.of(result.faces, len(result.first)) if result.exact else surface.edge_table
+    # First within the bodies of the file, then across them where something is left open.
     for label in (None,) if bodies is None else (_vertex_labels(faces, bodies, n), None):
-        border = np.zeros(len(result.first), np.bool_)
-        border[table.ends[table.counts != 2]] = True
-        here = np.flatnonzero(border)
+        now = Topology(result.faces, len(result.first)) if result.exact else surface.topology
+        here = np.flatnonzero(_open_vertices(now))
         rows = first_equal_row(points[result.first[here]])
         if label is not None:
             rows = first_equal_row(np.stack([rows, label[result.first[here]], 0 * rows], axis=1))
         first = np.arange(len(result.first))
         first[here] = here[rows]
         result = _merged(result, first, exact=True)
-        table = EdgeTable.of(result.faces, len(result.first))
+    table = EdgeTable.of(result.faces, len(result.first)) if result.exact else surface.edge_table
     result = _without_cracks(points, result, table)
     if not result.exact and not result.near and not (table.counts > 2).any():
         return result
     return _parted(surface, result)
+
+
+def _open_vertices(topology: Topology) -> Mask:
+    """Vertices of components with an edge that does not have two faces, (n,)."""
+    table, component = topology.edge_table, topology.components
+    is_open = np.zeros(int(component.max(initial=-1)) + 1, np.bool_)
+    is_open[component[table.low[table.counts != 2]]] = True
+    return is_open[component]
 
 
 def _stand_ins(surface: Surface) -> Index:

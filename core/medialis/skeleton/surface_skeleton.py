@@ -204,7 +204,7 @@ def maximal_balls(
     (`Surface.bodies`) do not constrain each other's balls. Outer balls are constrained by all.
     `out_walls` gets the walls of a mesh, for `with_fans`: those of each `_ball_sets`.
     """
-    sets, found, cured = _ball_sets(shape, options, progress), [], _Cured()
+    sets, found, cured = _ball_sets(shape, options, progress), [], Cured()
     for k, one in enumerate(sets):
         with progress.stage("bodies", k / len(sets), (k + 1) / len(sets)):
             cloud, walls = _balls_together(one, progress, cured)
@@ -335,14 +335,14 @@ def _put_together(shape: Shape, sets: list[_BallSet], found: list[MedialCloud]) 
 
 
 @dataclass
-class _Cured:
-    """Samples that got a lower tolerance, and the lowest one as a length."""
+class Cured:
+    """Samples that got a lower tolerance, and the lowest one as a fraction of the diagonal."""
 
     samples: int = 0
     lowest: float = math.inf
 
     def note(self, tolerance: float, of: int, progress: Progress) -> None:
-        """Say how many there are."""
+        """Report how many there are."""
         if self.samples:
             verbs = "lies", "lie"
             text = (
@@ -355,7 +355,7 @@ class _Cured:
 
 
 def _balls_together(
-    given: _BallSet, progress: Progress, cured: _Cured
+    given: _BallSet, progress: Progress, cured: Cured
 ) -> tuple[MedialCloud, Walls | None]:
     """Shrink the balls of one set; return them with the walls of a mesh."""
     shape, options = given.shape, given.options
@@ -378,7 +378,7 @@ def _with_lower_tolerance(
     walls: Walls | None,
     options: BallOptions,
     progress: Progress,
-    cured: _Cured,
+    cured: Cured,
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one: `overwritten`."""
     shape, tolerance = cloud.surface, options.tolerance
@@ -412,7 +412,7 @@ def _with_lower_tolerance(
         columns = {n: np.concatenate([getattr(one, n) for one in again]) for n in COLUMNS}
         cloud = overwritten(cloud, np.concatenate(rows), **columns)
         cured.samples += count
-        cured.lowest = min(cured.lowest, finer * shape.diagonal)
+        cured.lowest = min(cured.lowest, finer)
     return cloud
 
 
