@@ -106,7 +106,7 @@ def test_only_the_chunks_of_hidden_samples_are_computed_again(side, threads):
         ),
     )
     with thread_limit(threads):
-        options = BallOptions(side=side, tolerance=DEFAULT_TOLERANCE)
+        options = BallOptions(side=side)
         cloud, tree = shrink(shape, options, Progress())
         before, again = cloud.subset(np.arange(len(cloud))), Cured()
         found = _with_lower_tolerance(cloud, tree, None, options, Progress(), again)
