@@ -202,7 +202,9 @@ def _quality(measures: Mapping[str, Any]) -> str:
 
 
 def _charts(histograms: Mapping[str, Mapping[str, Any]], curve: bool) -> str:
-    units = dict.fromkeys(("radius", "importance", "thickness"), "units of the file")
+    units = dict.fromkeys(
+        ("radius", "importance", "thickness", "wall_thickness"), "units of the file"
+    )
     units |= {"spoke_angle": "degrees", "sharpness": "share of a right angle"}
     if curve:  # its importance is the area of the surface that hangs on a node
         units["importance"] = "area, square units of the file"
