@@ -219,3 +219,20 @@ def test_good_files_are_read_in_a_process_of_their_own(tmp_path, ending):
         mesh = read_mesh(path)
         bodies = len(mesh.faces) / len(faces) if number == 0 else 12
         assert volume(mesh.points, mesh.faces) == pytest.approx(bodies, rel=1e-6)
+
+
+@pytest.mark.parametrize("ending", ["glb", "3mf"])
+def test_bodies_of_a_scene_that_touch_stay_apart(tmp_path, ending):
+    trimesh = pytest.importorskip("trimesh")
+    scene = trimesh.Scene()
+    for k in range(3):
+        box = trimesh.creation.box()
+        box.apply_translation([k, 0, 0])
+        scene.add_geometry(box, node_name=f"node{k}", geom_name=f"box{k}")
+    path = tmp_path / f"a.{ending}"
+    path.write_bytes(scene.export(file_type=ending))
+    mesh = read_mesh(path)
+    assert np.bincount(mesh.bodies).tolist() == [12, 12, 12]
+    shape = medialis.read_shape(path)
+    assert shape.part_count == shape.body_contacts.count == 3 and shape.topology.is_solid
+    assert [contact.bodies for contact in shape.body_contacts.contacts] == [(0, 1), (1, 2)]

@@ -59,6 +59,9 @@ grid, such as the corners of boxes, more are full double precision."""
 SINGLE_DIGITS = 9
 """Significant digits that identify a number in single precision."""
 
+FEW_NUMBERS = 5
+"""Distinct numbers of one order of magnitude that show how many decimals such numbers have."""
+
 MIN_SHARE = 0.02
 """Fraction of coordinates that show a precision, at least, or that contradict it, at most."""
 
@@ -259,11 +262,14 @@ def coordinate_step(points: FloatArray) -> float:
     text = digits <= MAX_DIGITS
     if np.mean(~text) > MIN_SHARE or digits[text].max() < MIN_DIGITS:
         return float(np.spacing(largest))
-    top = text & (values >= 0.1 * largest)
-    if decimals[top].max() >= decimals[text].max():
-        return float(10.0 ** -decimals[top].max())
-    leading = math.floor(math.log10(largest)) + 1
-    return float(10.0 ** (leading - digits[text].max()))
+    distinct, first = np.unique(values[text], return_index=True)
+    leading = np.floor(np.log10(distinct)).astype(np.int64) + 1
+    decimals, digits = decimals[text][first], digits[text][first]
+    counts = np.bincount(leading - leading.min())
+    highest = leading.min() + np.flatnonzero(counts >= min(FEW_NUMBERS, counts.max())).max()
+    if decimals[leading == highest].max() >= decimals.max():
+        return float(10.0 ** -decimals.max())
+    return float(10.0 ** (leading.max() - digits.max()))
 
 
 def _decimal_digits(values: FloatArray) -> tuple[Index, Index]:
@@ -290,7 +296,7 @@ def _without_cracks(points: FloatArray, weld: Weld, table: EdgeTable) -> Weld:
     net = np.add.reduceat(np.where(table.forward[table.order], 1, -1), table.first[:-1])[odd]
     start = np.where(net > 0, table.low[odd], table.high[odd])
     end = np.where(net > 0, table.high[odd], table.low[odd])
-    links = _crack_links(at, start.astype(np.int64), end.astype(np.int64), distance)
+    links, matched = _crack_links(at, start.astype(np.int64), end.astype(np.int64), distance)
     if len(links) == 0:
         return weld
     a, b, c = weld.faces.T
@@ -302,19 +308,22 @@ def _without_cracks(points: FloatArray, weld: Weld, table: EdgeTable) -> Weld:
         corners = label[weld.faces[proper]]
         folded = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
         far = np.linalg.norm(at - at[first[label]], axis=1) > 2.0 * distance
-        wrong = np.union1d(corners[folded], label[far])
-        bad = np.isin(label[links[:, 0]], wrong) & (links[:, 0] != links[:, 1])
-        if not bad.any():
+        bad = np.zeros(len(first), np.bool_)
+        bad[corners[folded]] = bad[label[far]] = True
+        kept = ~bad[label[links[:, 0]]]
+        if kept.all():
             return _merged(weld, first[label], exact=False, distance=distance)
-        links = links[~bad]
+        # Once more with the best matches alone, then without.
+        again = matched[bad[label[matched[:, 0]]]]
+        links, matched = np.concatenate([links[kept], again]), matched[:0]
     return weld
 
 
-def _crack_links(at: FloatArray, start: Index, end: Index, distance: float) -> Index:
-    """Pairs of vertices at both sides of cracks, (k, 2).
+def _crack_links(at: FloatArray, start: Index, end: Index, distance: float) -> tuple[Index, Index]:
+    """Pairs of vertices at both sides of cracks, (k, 2), and those of the best matches.
 
-    Each boundary edge is matched with at most one other edge: the nearest one, one that runs the
-    opposite way first. Both are each other's nearest among the edges that are left.
+    Boundary edges within the distance of each other are linked: several where bodies touch. Of the
+    best matches each edge has at most one: the nearest, one that runs the opposite way first.
     """
     from scipy.spatial import cKDTree
 
@@ -338,9 +347,15 @@ def _crack_links(at: FloatArray, start: Index, end: Index, distance: float) -> I
         low, high = np.minimum(i, j)[fits], np.maximum(i, j)[fits]
         order = np.lexsort((high, low, apart[fits]))
         pairs.append(np.stack([low, high, np.full(len(low), turned)], axis=1)[order])
-    matched = _mutual_nearest(np.concatenate(pairs), len(start))
-    i, j, turned = matched.T
-    first, last = np.where(turned, end[j], start[j]), np.where(turned, start[j], end[j])
+    every = np.concatenate(pairs)
+    best = _mutual_nearest(every, len(start))
+    return _ends_of(every, start, end), _ends_of(best, start, end)
+
+
+def _ends_of(pairs: Index, start: Index, end: Index) -> Index:
+    """Pairs of vertices at the ends of pairs of edges (i, j, whether they run opposite ways)."""
+    i, j, opposite = pairs.T
+    first, last = np.where(opposite, end[j], start[j]), np.where(opposite, start[j], end[j])
     return np.stack([np.r_[start[i], end[i]], np.r_[first, last]], axis=1)
 
 
