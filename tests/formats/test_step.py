@@ -9,6 +9,7 @@ import pytest
 
 import medialis
 from medialis.base.progress import Progress
+from medialis.formats import step
 from medialis.formats.meshes import read_mesh
 from medialis.formats.step import _unit_of
 from medialis.shape.reading import _made, _Told

@@ -13,6 +13,8 @@ import pytest
 import medialis
 from assemblies import KINDS, together
 from medialis.base.progress import Progress
+from medialis.shape.surface import Surface
+from medialis.shape.welding import coordinate_step, weld
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)])
 QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4],

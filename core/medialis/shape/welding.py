@@ -293,6 +293,7 @@ def _without_cracks(points: FloatArray, weld: Weld, table: EdgeTable) -> Weld:
     if len(odd) < 2:
         return weld
     distance = weld_distance(points)
+    odd = _beside_cracks(at, table, odd, distance)
     net = np.add.reduceat(np.where(table.forward[table.order], 1, -1), table.first[:-1])[odd]
     start = np.where(net > 0, table.low[odd], table.high[odd])
     end = np.where(net > 0, table.high[odd], table.low[odd])
@@ -317,6 +318,18 @@ def _without_cracks(points: FloatArray, weld: Weld, table: EdgeTable) -> Weld:
         again = matched[bad[label[matched[:, 0]]]]
         links, matched = np.concatenate([links[kept], again]), matched[:0]
     return weld
+
+
+def _beside_cracks(at: FloatArray, table: EdgeTable, odd: Index, distance: float) -> Index:
+    """Edges of an odd number of faces, and those whose ends are both near ends of such edges.
+
+    Where bodies touch, faces of both may share an edge while their own neighbours share another.
+    """
+    from scipy.spatial import cKDTree
+
+    ends = np.unique(table.ends[odd])
+    near = np.isfinite(cKDTree(at[ends]).query(at, distance_upper_bound=distance)[0])
+    return np.union1d(odd, np.flatnonzero(near[table.ends].all(axis=1)))
 
 
 def _crack_links(at: FloatArray, start: Index, end: Index, distance: float) -> tuple[Index, Index]:
