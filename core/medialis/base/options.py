@@ -497,6 +497,9 @@ class Options:
     progress : callable, optional
         Called with (fraction, text); returning False cancels. It changes no result and takes no
         part in comparing options.
+    by_body : tuple of (str, tuple of float)
+        Names of automatic lengths with a number for each group of bodies, as a fraction of the
+        diagonal of that group, not of the whole: chosen by `settled`, never by a user.
 
     Raises
     ------
@@ -505,6 +508,7 @@ class Options:
     """
 
     progress: Progress | ProgressCallback | None = field(default=None, repr=False, compare=False)
+    by_body: tuple[tuple[str, tuple[float, ...]], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         for parameter in self.parameters():
@@ -520,7 +524,8 @@ class Options:
     def taken_from(cls, other: Options, **more: Any) -> Self:
         """Return options with the values that `other` has of the same names, and `more`."""
         names = {p.name for p in cls.parameters()} & {p.name for p in other.parameters()}
-        return cls(**{**{name: getattr(other, name) for name in names}, **more})
+        given = {"by_body": other.by_body, **{name: getattr(other, name) for name in names}}
+        return cls(**{**given, **more})
 
     def measured(self, data: Any, progress: Progress) -> Self:
         """Return options whose lengths are fractions of the diagonal of `data`; tell those given.

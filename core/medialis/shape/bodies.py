@@ -15,14 +15,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from medialis.base.arrays import Described, Index, Mask, sums_of
+from medialis.base.arrays import Described, Index, Mask, kd_tree, sums_of
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.surface import Surface, piece_labels
+
+if TYPE_CHECKING:
+    from medialis.shape.shape import Shape
 
 CONTACT = 1e-5
 """Fraction of the diagonal: bodies less far apart touch. 1 um of a part of 100 mm: machines leave
@@ -449,3 +452,49 @@ def _meeting_pairs(surface: Surface, label: IntArray, count: int) -> Index:
         )
         pairs.append(np.stack([np.full(int(meets.sum()), one), one + 1 + np.flatnonzero(meets)], 1))
     return np.concatenate(pairs) if pairs else np.empty((0, 2), np.int64)
+
+
+def bodies_apart(shape: Shape) -> list[tuple[Shape, Index, Index]]:
+    """Divide a mesh into parts in which no bodies are near each other.
+
+    Returns
+    -------
+    list of (Shape, (k,) int64, (f,) int64)
+        Each part with its points and faces; the mesh itself where no bodies are near.
+    """
+    bodies = shape.body_contacts
+    turn = bodies.turns
+    if turn.max(initial=0) == 0:
+        return [(shape, np.arange(shape.point_count), np.arange(shape.face_count))]
+    return [shape.some_bodies(turn[bodies.label] == k) for k in range(int(turn.max()) + 1)]
+
+
+EQUALLY_NEAR, MOST_EQUAL = 1e-6, 12
+"""Relative difference of distances that are equal, and how many of them are compared."""
+
+
+def nearest_in_body(surface: Surface, known: Index, queries: Index, values: FloatArray) -> Index:
+    """Return the nearest of some known points in the same body for each query, (q,).
+
+    Parameters
+    ----------
+    surface : Surface
+    known : (k,) int64
+        Rows of points, at least one.
+    queries : (q,) int64
+        Rows of points. Those whose body has no known point get the nearest one of all.
+    values : (n,) float64
+        Of equally near points the one with the largest value is taken, so that the result does not
+        depend on rounding.
+    """
+    points, label = surface.points, surface.bodies
+    result = np.full(len(queries), -1, np.int64)
+    for body in np.unique(label[queries]).tolist():
+        own, rows = known[label[known] == body], np.flatnonzero(label[queries] == body)
+        own = own if len(own) else known
+        count = np.arange(1, min(MOST_EQUAL, len(own)) + 1)
+        distance, near = kd_tree(points[own]).query(points[queries[rows]], k=count)
+        equal = distance <= (1.0 + EQUALLY_NEAR) * distance[:, :1]
+        best = np.where(equal, values[own[near]], -np.inf).argmax(axis=1)
+        result[rows] = own[near[np.arange(len(rows)), best]]
+    return result

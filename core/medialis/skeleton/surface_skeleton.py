@@ -19,7 +19,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -179,7 +179,6 @@ def points_apart(points: FloatArray, order: Index, distance: float) -> Mask:
 class BallOptions(ShrinkOptions):
     """Options of `maximal_balls`."""
 
-    tolerance: float = changed(ShrinkOptions, "tolerance", default=AUTO, auto=DEFAULT_TOLERANCE)
     creases: float = angle(
         CREASE_ANGLE,
         "Creases",
@@ -204,7 +203,7 @@ def maximal_balls(
     (`Surface.bodies`) do not constrain each other's balls. Outer balls are constrained by all.
     `out_walls` gets the walls of a mesh, for `with_fans`: those of each `_ball_sets`.
     """
-    sets, found, cured = _ball_sets(shape, options, progress), [], _Cured()
+    sets, found, cured = _ball_sets(shape, options, progress), [], Cured()
     for k, one in enumerate(sets):
         with progress.stage("bodies", k / len(sets), (k + 1) / len(sets)):
             cloud, walls = _balls_together(one, progress, cured)
@@ -212,9 +211,8 @@ def maximal_balls(
         if out_walls is not None and walls is not None:
             out_walls.append(walls)
     cloud = _put_together(shape, sets, found)
-    tolerance = DEFAULT_TOLERANCE if options.tolerance == AUTO else options.tolerance
-    cured.note(tolerance, shape.point_count, progress)
-    note_outcome(cloud, tolerance, progress)
+    cured.note(options.tolerance, shape.point_count, progress)
+    note_outcome(cloud, options.tolerance, progress)
     if shape.part_count > 1 and options.side != "outer":
         _note_contacts(shape, progress)
     return cloud
@@ -295,30 +293,27 @@ class _BallSet:
 def _ball_sets(shape: Shape, options: BallOptions, progress: Progress) -> list[_BallSet]:
     """Return what balls are computed together: the whole shape where no bodies touch.
 
-    With an automatic tolerance each body that is near others is a set of its own, as if it were
-    alone. Else the tolerance is a length, and bodies that are not near each other form a set
-    (`Bodies.turns`).
+    Where tolerances by body were chosen (`Options.by_body`), each body that is near others is a
+    set of its own, as if it were alone. Else the tolerance is a length, and bodies that are not
+    near each other form a set (`Bodies.turns`).
     """
-    automatic = options.tolerance == AUTO
-    given = replace(options, tolerance=DEFAULT_TOLERANCE) if automatic else options
     if shape.faces is None or options.side == "outer":
-        return [_BallSet(shape, given)]
+        return [_BallSet(shape, options)]
     bodies = run_patiently(lambda: shape.body_contacts, progress)
-    alone = run_patiently(lambda: _lone_bodies(shape), progress) if automatic else None
+    tolerances = _of_bodies(shape, options, "tolerance")
+    alone = _lone_bodies(shape) if tolerances else None
     turn = bodies.turns if alone is None else alone
     if turn.max(initial=0) == 0:
-        return [_BallSet(shape, given)]
+        return [_BallSet(shape, options)]
     sets = []
     for number in np.unique(turn):
         part, samples, faces = shape.some_bodies(turn[bodies.label] == number)
-        own = replace(given, side="inner")
-        if alone is None or number == 0:
-            share = shape.diagonal / part.diagonal
-            tolerance = min(given.tolerance * share, MAX_TOLERANCE)
-            own = replace(own, tolerance=tolerance)
+        share = shape.diagonal / part.diagonal
+        tolerance = options.tolerance * share if alone is None else tolerances[number]
+        own = replace(options, side="inner", tolerance=min(tolerance, MAX_TOLERANCE), by_body=())
         sets.append(_BallSet(part, own, samples, faces))
     if options.side == "both":
-        sets.append(_BallSet(shape, replace(given, side="outer")))
+        sets.append(_BallSet(shape, replace(options, side="outer")))
     return sets
 
 
@@ -335,14 +330,14 @@ def _put_together(shape: Shape, sets: list[_BallSet], found: list[MedialCloud]) 
 
 
 @dataclass
-class _Cured:
-    """Samples that got a lower tolerance, and the lowest one as a length."""
+class Cured:
+    """Samples that got a lower tolerance, and the lowest one as a fraction of the diagonal."""
 
     samples: int = 0
     lowest: float = math.inf
 
     def note(self, tolerance: float, of: int, progress: Progress) -> None:
-        """Say how many there are."""
+        """Report how many there are."""
         if self.samples:
             verbs = "lies", "lie"
             text = (
@@ -355,7 +350,7 @@ class _Cured:
 
 
 def _balls_together(
-    given: _BallSet, progress: Progress, cured: _Cured
+    given: _BallSet, progress: Progress, cured: Cured
 ) -> tuple[MedialCloud, Walls | None]:
     """Shrink the balls of one set; return them with the walls of a mesh."""
     shape, options = given.shape, given.options
@@ -378,7 +373,7 @@ def _with_lower_tolerance(
     walls: Walls | None,
     options: BallOptions,
     progress: Progress,
-    cured: _Cured,
+    cured: Cured,
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one: `overwritten`."""
     shape, tolerance = cloud.surface, options.tolerance
@@ -412,7 +407,7 @@ def _with_lower_tolerance(
         columns = {n: np.concatenate([getattr(one, n) for one in again]) for n in COLUMNS}
         cloud = overwritten(cloud, np.concatenate(rows), **columns)
         cured.samples += count
-        cured.lowest = min(cured.lowest, finer * shape.diagonal)
+        cured.lowest = min(cured.lowest, finer)
     return cloud
 
 
@@ -559,22 +554,49 @@ class Preparation(Options):
         """Return the size that automatic lengths are fractions of, in diagonals of the shape."""
         return 1.0
 
+    def settled(self, data: Any, progress: Progress) -> Self:
+        """Replace "auto" by numbers; where bodies touch, choose numbers for each of them."""
+        starts = self.automatic()
+        if isinstance(data, Shape) and {"tolerance", "refine"} & set(starts):
+            by_body = self._by_body(data, starts, progress)
+            return replace(super().settled(data, progress), by_body=by_body)
+        return super().settled(data, progress)
+
+    def _by_body(
+        self, shape: Shape, starts: Mapping[str, float], progress: Progress
+    ) -> tuple[tuple[str, tuple[float, ...]], ...]:
+        """Choose lengths for each group of `_lone_bodies`; none where there are no groups."""
+        number = run_patiently(lambda: _lone_bodies(shape), progress)
+        if number is None or _without_noise(shape, self.denoise, progress)[0] is not shape:
+            return ()
+        chosen: dict[str, list[float]] = {n: [] for n in ("tolerance", "refine") if n in starts}
+        for group in range(int(number.max()) + 1):
+            mine = number[shape.bodies] == group
+            part = shape.some_bodies(mine)[0] if mine.any() else shape
+            scale = run_patiently(partial(self.size_scale, part), progress)
+            if "tolerance" in chosen:
+                chosen["tolerance"].append(min(scale * starts["tolerance"], MAX_TOLERANCE))
+            if "refine" in chosen:
+                edge = partial(_suited_edge, part, min(scale * starts["refine"], 1.0))
+                chosen["refine"].append(run_patiently(edge, progress))
+        return tuple((name, tuple(values)) for name, values in chosen.items())
+
     def suited(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
         """Choose tolerance and longest edge; balls that are given have theirs already.
 
-        Where bodies touch, each has lengths of its own, as if it were alone: "auto" stays. Else the
-        tolerance is at least the noise that smoothing leaves. The longest edge grows until the
+        The tolerance is at least the noise that smoothing leaves. The longest edge grows until the
         number of samples is in proportion to the mesh (`affordable_edge`); a dense mesh keeps its
-        vertices, and a point cloud is not refined.
+        vertices, and a point cloud is not refined. Where bodies touch, each has lengths of its own,
+        as if it were alone (`Options.by_body`); the largest ones are reported.
         """
         if not isinstance(data, Shape) or not {"tolerance", "refine"} & set(starts):
             return {}
         scale = run_patiently(lambda: self.size_scale(data), progress)
         clean, _, left = _without_noise(data, self.denoise, progress)
-        if clean is data and run_patiently(lambda: _lone_bodies(data), progress) is not None:
-            return {}  # each body has its own: `_refined`, `_ball_sets`
+        if by_body := self._by_body(data, starts, progress):
+            return {name: max(values) for name, values in by_body}
         chosen = {}
         if "tolerance" in starts:
             noise = 0.0 if clean is data else left / data.diagonal
@@ -770,15 +792,15 @@ def _without_noise(shape: Shape, denoise: str, progress: Progress) -> tuple[Shap
 def _refined(
     shape: Shape, options: Preparation, progress: Progress, finer: Finer | None = None
 ) -> Shape:
-    """Refine a coarse mesh and say so; with "auto" each body that touches others by itself."""
+    """Refine a coarse mesh and report it; see `Options.by_body`."""
     fraction = options.refine
     if fraction == 0.0 or shape.faces is None:
         return shape
     each = ""
     with progress.stage("refine", 0.0, 0.1):
-        if fraction == AUTO:
+        if edges := _of_bodies(shape, options, "refine"):
             each = " of each body"
-            fine, fraction = _refined_bodies(shape, options.automatic()["refine"], progress)
+            fine = _refined_bodies(shape, edges, progress)
         else:
             fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if finer is not None:
@@ -799,17 +821,22 @@ def _refined(
     return fine
 
 
-def _refined_bodies(shape: Shape, start: float, progress: Progress) -> tuple[Shape, float]:
-    """Refine each body that is near others as if it were alone; return the largest fraction."""
-    number, label, parts, largest = _lone_bodies(shape), shape.bodies, [], 0.0
+def _refined_bodies(shape: Shape, edges: tuple[float, ...], progress: Progress) -> Shape:
+    """Refine each group of bodies to edges of a fraction of its own diagonal."""
+    number, parts = _lone_bodies(shape), []
     assert number is not None
-    for one in np.unique(number):
-        part, points, faces = shape.some_bodies(number[label] == one)
-        edge = run_patiently(partial(_suited_edge, part, start), progress)
-        fine = refine.of(part, RefineOptions(longest_edge=edge), progress.still)
+    for group in np.unique(number).tolist():
+        part, points, faces = shape.some_bodies(number[shape.bodies] == group)
+        fine = refine.of(part, RefineOptions(longest_edge=edges[group]), progress.still)
         parts.append((fine, points, faces))
-        largest = max(largest, edge)
-    return with_refined_parts(shape, parts), largest
+    return with_refined_parts(shape, parts)
+
+
+def _of_bodies(shape: Shape, options: Options, name: str) -> tuple[float, ...]:
+    """Return the lengths of a name for each group of `_lone_bodies`; () where they do not fit."""
+    lengths = dict(options.by_body).get(name, ())
+    number = _lone_bodies(shape) if lengths else None
+    return lengths if number is not None and len(lengths) == number.max() + 1 else ()
 
 
 def _suited_edge(shape: Shape, fraction: float) -> float:
