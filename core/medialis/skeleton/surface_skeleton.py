@@ -405,7 +405,7 @@ class Preparation(Options):
             chosen["tolerance"] = min(max(scale * starts["tolerance"], noise), MAX_TOLERANCE)
         if "refine" in starts and clean.faces is not None:
             start = min(scale * starts["refine"], 1.0)
-            chosen["refine"] = run_patiently(lambda: _suited_edge(clean, start), progress)
+            chosen["refine"] = run_patiently(lambda: suited_edge(clean, start), progress)
         return chosen
 
     def unused(self, data: Any) -> frozenset[str]:
@@ -618,7 +618,7 @@ def _refined(
     return fine
 
 
-def _suited_edge(shape: Shape, fraction: float) -> float:
+def suited_edge(shape: Shape, fraction: float) -> float:
     """Return the longest edge for a mesh, as a fraction of its diagonal, from a fraction on."""
     if not _dense(shape, fraction * shape.diagonal):
         return affordable_edge(shape, fraction)
