@@ -99,7 +99,7 @@ def filter_values(
     host = {p.name: given.pop(p.name, False) for p in chosen.host_parameters}
     values = chosen.resolve(with_fractions(chosen, given, diagonal)).values()
     for parameter in chosen.parameters:
-        if values[parameter.name] == AUTO:
+        if parameter.auto is not None and values[parameter.name] == AUTO:
             continue
         if parameter.kind is Kind.LENGTH:
             values[parameter.name] *= diagonal

@@ -43,11 +43,11 @@ def record(mesh_set: pymeshlab.MeshSet, chosen: Filter, values: Mapping[str, Any
     script = _script_of(mesh_set)
     step = Xml.SubElement(script, "filter", name=chosen.title)
     for parameter in (*chosen.parameters, *chosen.host_parameters):
-        value, more = values[parameter.name], {}
-        kind = "RichString" if value == AUTO else TYPES[parameter.kind]
-        if value == AUTO:
-            pass
-        elif parameter.kind is Kind.LENGTH:  # per cent: 3 of 100
+        value = values[parameter.name]
+        more: dict[str, str] = {}
+        automatic = parameter.auto is not None and value == AUTO
+        kind = "RichString" if automatic else TYPES[parameter.kind]
+        if parameter.kind is Kind.LENGTH and not automatic:  # per cent: 3 of 100
             value, more = 100.0 * value, {"min": "0", "max": "100"}
         elif parameter.kind is Kind.CHOICE:
             more = {f"enum_val{i}": word for i, word in enumerate(parameter.choices)}

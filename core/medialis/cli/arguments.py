@@ -293,8 +293,8 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
         "vtp, vtu: each layer for ParaView, with its attributes; msh, inp, ccx: triangles as shell "
         "elements for Gmsh, Abaqus and CalculiX"
     )
-    more = [name for name in chosen.offered if name not in chosen.default_formats]
-    own = f" Of this operation also {', '.join(more)}." if more else ""
+    others = [name for name in chosen.offered if name not in chosen.default_formats]
+    own = f" Of this operation also {', '.join(others)}." if others else ""
     sub.add_argument(
         "--formats",
         default=",".join(chosen.default_formats),

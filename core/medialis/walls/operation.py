@@ -383,11 +383,12 @@ class WallCheckRun(Preparation):
     def suited(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
-        """Choose the ratio of ribs by the process, and the rest by the shape."""
+        """Choose the ratio of ribs by the process, if it has one, and the rest by the shape."""
         chosen = super().suited(data, starts, progress)
         if "rib_ratio" in starts:
             rules = rules_of(self.rules, self.process)
-            chosen["rib_ratio"] = starts["rib_ratio"] if rules is None else rules.rib_ratio
+            ratio = starts["rib_ratio"] if rules is None else rules.rib_ratio
+            chosen |= {"rib_ratio": ratio} if math.isfinite(ratio) else {}
         return chosen
 
 
@@ -487,8 +488,9 @@ def _limits(shape: Shape, options: WallCheckRun) -> WallLimits:
             f"The minimum of {with_unit(low, shape.unit)} is above the maximum of "
             f"{with_unit(high, shape.unit)}."
         )
+    ratio = rules.rib_ratio if "rib_ratio" in options.automatic() else options.rib_ratio
     lines = asked("line_width"), rules.line_tolerance, rules.most_lines
-    return WallLimits(low, high, asked("gap"), options.regions, options.rib_ratio, *lines)
+    return WallLimits(low, high, asked("gap"), options.regions, ratio, *lines)
 
 
 def _codes(check: WallCheck) -> dict[str, IntArray]:
