@@ -14,6 +14,7 @@ from medialis.base.options import AUTO, NUMBERS, Kind, Options
 from medialis.base.progress import Progress
 
 AUTOMATIC = [o.name for o in OPERATIONS if any(p.auto is not None for p in o.parameters)]
+AUTOMATIC.remove("medial_mesh")  # below, where it takes a tenth of the time
 CHANGE = 1e-9
 """Relative change of a value that must change a result by as little."""
 
@@ -145,6 +146,19 @@ def test_the_ratio_of_ribs_that_was_typed_goes_before_that_of_the_process(small_
     typed = medialis.run("wall_check", shape, process="moulding", rib_ratio=0.6)
     assert "rib_ratio" in by_process.automatic and typed.parameters["rib_ratio"] == 0.6
     assert "rib_ratio" not in typed.automatic
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("balls", "chosen"), [(20, 5000), (1300, 16_000)])
+def test_samples_of_medial_meshes_are_those_that_were_typed(balls, chosen, small_shape):
+    """They were raised to four a ball, and to 16,000 for many balls, whatever was typed."""
+    options = {"balls": balls, "quality": "fast"}
+    for samples, automatic in ((AUTO, ("samples",)), (1000, ()), (5000, ())):
+        if samples == 5000 and balls > 600:
+            continue
+        result = medialis.run("medial_mesh", small_shape("medial_mesh"), samples=samples, **options)
+        assert result.automatic == automatic
+        assert result.parameters["samples"] == (chosen if automatic else samples)
 
 
 def test_what_is_of_no_use_stays_automatic():

@@ -569,7 +569,8 @@ class Options:
         words: dict[bool, list[str]] = {True: [], False: []}
         for name, value in numbers.items():
             length = kinds[name] is Kind.LENGTH
-            text = f"{100 * value:.4g} %" if length else f"{value:.4g}"
+            number = f"{value:,}" if kinds[name] is Kind.INT else f"{value:.4g}"
+            text = f"{100 * value:.4g} %" if length else number
             words[length].append(f"{name.replace('_', ' ')} {text}")
         told = ", ".join(words[True]) + (" of the diagonal" if words[True] else "")
         told = "; ".join(filter(None, [told, ", ".join(words[False])]))

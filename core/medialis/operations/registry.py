@@ -88,8 +88,8 @@ def run(
 ) -> Result:
     """Run any registered operation on a shape, as every host does.
 
-    Unlike the plain functions it refines a mesh that is too coarse, and it raises when there is
-    nothing to show.
+    It computes what the function of the same name does, adds layers and values, and raises when
+    there is nothing to show.
 
     Parameters
     ----------
