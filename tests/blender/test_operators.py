@@ -151,15 +151,12 @@ def test_automatic_values_are_chosen_until_they_are_typed(scene):
     from blender_addon import properties
 
     chosen = operation("curve_skeleton")
-    kind = bpy.types.MEDIALIS_OT_curve_skeleton
+    defaults = bpy.ops.medialis.curve_skeleton.get_rna_type().properties
 
     def parameters(**given):
-        holder = SimpleNamespace(properties=bpy.ops.medialis.curve_skeleton, lengths_in="SIZE")
-        set_ = {**given}
-        defaults = kind.bl_rna.properties
-        for name in properties.annotations_of(chosen):
-            setattr(holder, name, set_.get(name, getattr(defaults[name], "default", None)))
-        holder.properties = SimpleNamespace(is_property_set=set_.__contains__)
+        values = {n: defaults[n].default for n in properties.annotations_of(chosen)} | given
+        own = SimpleNamespace(is_property_set=given.__contains__)
+        holder = SimpleNamespace(properties=own, lengths_in="SIZE", **values)
         return properties.parameters_of(chosen, holder)
 
     assert parameters()["refine"] == "auto"
