@@ -25,8 +25,8 @@ Medial meshes:
 Measures:
     geodesic_importance, Importance, connected_importance, important_points, local_measures,
     geodesic, Geodesic, geodesics, geodesic_lengths, GeodesicPaths, PathStatus, thickness,
-    thin_spots, ThinSpot, midsurface, Midsurface, Lump, feature_transform, field_on_skeleton,
-    field_on_surface
+    wall_thickness, thin_spots, ThinSpot, midsurface, Midsurface, Lump, feature_transform,
+    field_on_skeleton, field_on_surface
 Sheets and segments:
     extended_feature_transform, FeatureSets, point_types, PointType, medial_sheets, MedialSheets,
     Unfolded, y_network, YNetwork, sheet_meshes, SheetMeshes, medial_scaffold, MedialScaffold,

@@ -169,6 +169,7 @@ from medialis.walls.thickness import feature_transform as feature_transform
 from medialis.walls.thickness import field_on_skeleton as field_on_skeleton
 from medialis.walls.thickness import field_on_surface as field_on_surface
 from medialis.walls.thickness import thickness as thickness
+from medialis.walls.thickness import wall_thickness as wall_thickness
 from medialis.walls.thin_spots import ThinSpot as ThinSpot
 from medialis.walls.thin_spots import thin_spots as thin_spots
 

@@ -17,7 +17,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from importlib import import_module
@@ -106,8 +106,8 @@ def run_batch(options: argparse.Namespace) -> int:
             say(Path(options.output) / name)
     if bad:
         return EXIT_SOME_FAILED
-    stopped = options.fail and any(row.numbers.get("passed") is False for row in rows)
-    return EXIT_NOT_PASSED if stopped else EXIT_OK
+    verdicts = [row.numbers["passed"] for row in rows if "passed" in row.numbers]
+    return _exit_code(verdicts) if options.fail else EXIT_OK
 
 
 def settings(given: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -350,9 +350,17 @@ def run_operation(options: argparse.Namespace) -> int:
     manifest = _compute(about, given, file, Path(folder), options)
     if not options.host:  # a host reads the manifest from the folder
         _report(manifest, options.json, options.verbose)
-    if chosen.checks and options.fail and not manifest["values"]["passed"]:
-        return EXIT_NOT_PASSED
+    if chosen.checks and options.fail:
+        return _exit_code([manifest["values"]["passed"]])
     return EXIT_OK
+
+
+def _exit_code(passed: Iterable[bool | None]) -> int:
+    """Return the exit code of checks: a failure first, then what has no verdict."""
+    verdicts = set(passed)
+    if False in verdicts:
+        return EXIT_NOT_PASSED
+    return EXIT_BAD_INPUT if None in verdicts else EXIT_OK
 
 
 def run_demo(options: argparse.Namespace) -> int:
@@ -674,9 +682,10 @@ def _info(options: argparse.Namespace) -> int:
 
     progress, repaired = Progress(), None
     mesh = run_patiently(lambda: read_mesh(options.file), progress)
-    points, faces = run_patiently(lambda: joined_corners(mesh.points, mesh.faces), progress)
+    joined = run_patiently(lambda: joined_corners(mesh.points, mesh.faces), progress)
+    points, faces, joining = joined
     found = run_patiently(lambda: diagnose(points, faces), progress)
-    messages = list(mesh.messages)
+    messages = [*mesh.messages, *joining]
     try:
         fixed = run_patiently(lambda: repair(points, faces), progress)
         messages += fixed.messages

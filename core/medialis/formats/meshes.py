@@ -242,6 +242,9 @@ class MeshData:
     planes : (m,) int32 or None
         The flat face of the model that each lies on, -1 for none; `normals` are those of the model
         then, zero at its edges.
+    bodies : (m,) int32 or None
+        The body of the file that each triangle belongs to: a solid of a STEP file, a placed mesh
+        object of a 3MF file, a mesh of a scene. None where the format has none.
     own_up : str or None
         The axis that points up, where the file says it, as Collada does.
     """
@@ -255,6 +258,7 @@ class MeshData:
     unit: str | None = None
     patches: IntArray | None = None
     planes: IntArray | None = None
+    bodies: IntArray | None = None
     own_up: str | None = None
 
     @property

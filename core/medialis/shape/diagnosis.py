@@ -23,15 +23,16 @@ that touch other faces are dropped; elsewhere one face of each pair stays.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from medialis.base.arrays import Described, EdgeTable, Index, Mask, next_side
+from medialis.base.arrays import Described, EdgeTable, Index, Mask, first_equal_row, next_side
 from medialis.base.validation import FloatArray, IntArray, all_finite, as_faces, as_points, frozen
 from medialis.shape.surface import Surface, Topology, piece_labels
+from medialis.shape.welding import Weld, weld
 
 
 def propagate_signs(predecessors: ArrayLike, agree: ArrayLike) -> NDArray[np.int8]:
@@ -370,6 +371,10 @@ class Diagnosis(Described):
     """Edges of two faces that run along them in the same direction."""
     duplicate_vertices: int
     """Vertices at exactly the place of an earlier one."""
+    crack_vertices: int
+    """Boundary vertices that rounding has parted from another one: merging them closes cracks."""
+    weld_distance: float
+    """How far apart such vertices may be, from the precision of the coordinates; 0 without any."""
     duplicate_faces: int
     """Faces with the same three vertices as an earlier one."""
     degenerate_faces: int
@@ -426,6 +431,7 @@ class Diagnosis(Described):
             (self.nonmanifold_vertices, "vertex joining separate fans of faces"),
             (self.inconsistent_edges, "edge whose two faces disagree on the outside"),
             (self.duplicate_vertices, "duplicate vertex"),
+            (self.crack_vertices, f"vertex of cracks at most {self.weld_distance:.3g} wide"),
             (self.duplicate_faces, "duplicate face"),
             (self.degenerate_faces, "face without area"),
             (self.unused_vertices, "vertex of no face"),
@@ -492,6 +498,29 @@ def _small_folds(topology: Topology, in_pairs: Mask, leaders: Mask) -> Mask:
     return result
 
 
+def repeated_bodies(surface: Surface) -> Mask:
+    """Return the faces (m,) of closed components that are equal to an earlier one.
+
+    Closed components are never welded, so a body that a file holds twice has two sets of vertices.
+    """
+    faces, equal = surface.topology.faces, surface.first_equal_point
+    repeated = np.zeros(len(faces), np.bool_)
+    if (equal == np.arange(surface.point_count)).all():
+        return repeated
+    corners, rows = equal[faces], np.arange(len(faces))
+    lowest = corners.argmin(axis=1)
+    corners = np.stack([corners[rows, (lowest + k) % 3] for k in range(3)], axis=1)
+    first = first_equal_row(corners)
+    component = surface.components[faces[:, 0]]
+    count = int(component.max()) + 1
+    same = first != rows
+    whole = np.bincount(component, same, count) == np.bincount(component, minlength=count)
+    low, high = np.full(count, count), np.full(count, -1)
+    np.minimum.at(low, component, component[first])
+    np.maximum.at(high, component, component[first])
+    return (whole & (low == high) & surface.closed_components)[component]
+
+
 def diagnose(points: ArrayLike, faces: ArrayLike | None = None) -> Diagnosis:
     """Examine a mesh or cloud; nothing is changed.
 
@@ -525,11 +554,30 @@ def diagnose(points: ArrayLike, faces: ArrayLike | None = None) -> Diagnosis:
     >>> tetrahedron.closed, tetrahedron.genus, tetrahedron.orientation
     (True, 0, 'out')
     """
-    return examine(points, faces)[0]
+    return examine(points, faces).diagnosis
 
 
-def examine(points: ArrayLike, faces: ArrayLike | None) -> tuple[Diagnosis, Surface]:
-    """Return the diagnosis, and the finite part at a scale near 1 with all that was found of it."""
+class Examined(NamedTuple):
+    """A diagnosis, and what else is then known.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+    surface : Surface
+        The finite points and the faces, at a scale near 1.
+    weld : Weld
+        Its vertices that are one; the distance is in the caller's units.
+    """
+
+    diagnosis: Diagnosis
+    surface: Surface
+    weld: Weld
+
+
+def examine(
+    points: ArrayLike, faces: ArrayLike | None, bodies: ArrayLike | None = None
+) -> Examined:
+    """Return the diagnosis and what it rests on; `bodies` as in `repaired`."""
     xyz, triangles, lost = _finite_part(points, faces)
     # Very large and very small lengths are measured at a scale of about 1, which costs no accuracy
     # (a power of two) and keeps squares and cubes in range.
@@ -539,6 +587,9 @@ def examine(points: ArrayLike, faces: ArrayLike | None) -> tuple[Diagnosis, Surf
     values |= {"duplicate_vertices": _repeated(surface.first_equal_point)}
     values |= {"nonfinite_vertices": lost, "diagonal": surface.diagonal}
     values |= _diagnose_cloud(surface) if surface.faces is None else _diagnose_faces(surface)
+    welded = weld(surface, None if bodies is None else np.asarray(bodies))
+    welded = replace(welded, distance=_unscaled(welded.distance, scale, 1))
+    values |= {"crack_vertices": welded.near, "weld_distance": welded.distance}
     for names, power in ((("diagonal", "spacing", "min_edge", "max_edge"), 1), (("area",), 2)):
         for name in names:
             values[name] = _unscaled(values[name], scale, power)
@@ -547,7 +598,7 @@ def examine(points: ArrayLike, faces: ArrayLike | None) -> tuple[Diagnosis, Surf
     values["vertices"] += lost
     if len(triangles):
         values["unused_vertices"] += lost
-    return Diagnosis(**values), surface
+    return Examined(Diagnosis(**values), surface, welded)
 
 
 def _finite_part(points: ArrayLike, faces: ArrayLike | None) -> tuple[FloatArray, IntArray, int]:

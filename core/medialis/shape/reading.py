@@ -264,7 +264,8 @@ def read_shape(
     model = mesh.planes is not None
     normals = mesh.normals if model or mesh.faces is None else None
     views = None if normals is not None else mesh.viewpoints
-    told = _Told(views, unit or mesh.unit, mesh.patches, mesh.planes, up or mesh.up)
+    of_faces = mesh.patches, mesh.planes, mesh.bodies
+    told = _Told(views, unit or mesh.unit, *of_faces, up or mesh.up)
     with progress.stage("prepare", 0.5, 1.0):
         try:
             return _made(mesh.points, mesh.faces, normals, told, True, progress)
@@ -338,6 +339,7 @@ class _Told:
     unit: str | None = None
     patches: ArrayLike | None = None
     planes: ArrayLike | None = None
+    bodies: ArrayLike | None = None
     up: str | None = None
 
     def of_faces(self, kept: NDArray[Any] | slice) -> dict[str, Any]:
@@ -361,11 +363,11 @@ def _made(
         views = as_viewpoints(told.viewpoints, len(np.asarray(points)))
     if repair:
         given = points, faces, normals
-        diagnosis, examined = run_patiently(lambda: examine(*given[:2]), progress)
-        fixed, known = run_patiently(lambda: repaired(*given, examined), progress)
+        examined = run_patiently(lambda: examine(*given[:2], told.bodies), progress)
+        fixed, known = run_patiently(lambda: repaired(*given, examined, told.bodies), progress)
+        extra |= {"diagnosis": examined.diagnosis, "vertex_map": fixed.vertex_map}
         del examined  # as large as the shape
         progress.record(*fixed.messages)
-        extra |= {"diagnosis": diagnosis, "vertex_map": fixed.vertex_map}
         points, faces, normals = fixed.points, fixed.faces, fixed.normals
         if views is not None:
             first = np.unique(fixed.vertex_map, return_index=True)

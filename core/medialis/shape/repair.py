@@ -1,4 +1,4 @@
-"""Repair that never moves a vertex: weld, drop what is useless, face outward (before 3.2).
+"""Repair that moves no vertex: weld (welding.py), drop what is useless, face outward (before 3.2).
 
 A flat face a, b, c of three different corners has c on the segment a b. Dropping it would open a
 slit between its neighbours. Its neighbour b, a, d across the longest edge covers the same segment,
@@ -9,7 +9,8 @@ touched in it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,16 +20,20 @@ from medialis.base.errors import InvalidShapeError
 from medialis.base.progress import Message
 from medialis.base.validation import FloatArray, IntArray, as_faces, as_normals, as_points, frozen
 from medialis.shape.diagnosis import (
+    Examined,
     agreeing_flips,
     faces_to_drop,
     finite_points,
     flipped,
     outward_flips,
     piece_volumes,
+    power_of_two_scale,
+    repeated_bodies,
     scaled,
     solid_pieces,
 )
 from medialis.shape.surface import Surface
+from medialis.shape.welding import Weld, weld
 
 _ROUNDS = 30
 _APART = np.arange(6, dtype=np.int32).reshape(2, 3)
@@ -121,27 +126,32 @@ class Repair(Described):
 
 def joined_corners(
     points: FloatArray, faces: IntArray | None
-) -> tuple[FloatArray, IntArray | None]:
-    """Return points and faces with one vertex where corners of triangles lie at one place.
+) -> tuple[FloatArray, IntArray | None, tuple[Message, ...]]:
+    """Return points and faces with welded vertices, and what was done beyond exact welding.
 
-    Only where each triangle has three corners of its own, as STL files store them: these say
-    nothing about which triangles hang together.
+    Only where each triangle has three corners of its own, as STL files store them: these do not say
+    which triangles are connected.
 
     Examples
     --------
     >>> soup = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
-    >>> points, faces = joined_corners(soup, np.arange(6, dtype=np.int32).reshape(2, 3))
+    >>> points, faces, _ = joined_corners(soup, np.arange(6, dtype=np.int32).reshape(2, 3))
     >>> len(points), faces.tolist()
     (4, [[0, 1, 2], [1, 3, 2]])
     """
     if faces is None or len(points) != faces.size:
-        return points, faces
+        return points, faces, ()
     if not np.array_equal(np.sort(faces, axis=None), np.arange(len(points))):
-        return points, faces
-    first = Surface.of_checked(points, faces).first_equal_point
-    kept = first == np.arange(len(points))
-    place = (np.cumsum(kept) - 1).astype(np.int32)
-    return points[kept], place[first[faces]]
+        return points, faces, ()
+    joined = _welded(points, scaled(points, faces))
+    messages = tuple(note for note in joined.messages if note.code != "welded")
+    return points[joined.first], joined.faces, messages
+
+
+def _welded(points: FloatArray, surface: Surface, bodies: IntArray | None = None) -> Weld:
+    """Weld a scaled surface of some points, with the distance in the units of these."""
+    result = weld(surface, bodies)
+    return replace(result, distance=result.distance / power_of_two_scale(points))
 
 
 def repair(
@@ -150,12 +160,15 @@ def repair(
     """Repair a mesh or cloud without moving a vertex, in this order.
 
     - Drop points with NaN or infinity.
-    - Make points at exactly the same place one; the first stays, with the first normal that is not
-      zero.
+    - Merge vertices at exactly the same position where the mesh has a boundary, and boundary edges
+      that rounding has parted; the first vertex stays, with the first normal that is not zero.
+      Bodies that only touch are kept apart (see `medialis.shape.welding`). All points of a cloud at
+      the same position are merged.
     - Drop faces with a repeated corner. A face of three different corners without height (at most
       1e-12 of its longest edge) is merged into its neighbour by turning their common edge, which
       changes no surface; it is dropped where that is impossible.
-    - Keep one of the faces with the same corners. Small folds - faces lying on their own back that
+    - Keep one of the faces with the same corners, and one of the closed components that are equal.
+      Small folds - faces lying on their own back that
       hang on a surface - are dropped whole, so that no boundary appears.
     - Drop vertices that no face uses (never the points of a cloud).
     - Flip faces so that neighbours across edges of exactly two faces agree on the outside; the side
@@ -202,13 +215,20 @@ def repaired(
     points: ArrayLike,
     faces: ArrayLike | None,
     normals: ArrayLike | None,
-    examined: Surface | None = None,
+    examined: Examined | None = None,
+    bodies: ArrayLike | None = None,
 ) -> tuple[Repair, Surface]:
-    """Repair, given what `examine` found of the same arrays; return what is then known as well."""
+    """Repair, given what `examine` found of the same arrays; return what is then known as well.
+
+    `bodies` (m,) is the body of the file that each face belongs to, where the file stores that.
+    """
     work = _Work.begin(points, faces, normals)
-    if examined is not None and np.array_equal(work.faces, examined.topology.faces):
-        work.faces, work.measured = examined.topology.faces, examined
-    work.weld()
+    known = None
+    if examined is not None:
+        surface = examined.surface
+        if np.array_equal(work.faces, surface.topology.faces):
+            work.faces, work.measured, known = surface.topology.faces, surface, examined.weld
+    work.weld(known, None if bodies is None else np.asarray(bodies))
     if len(work.faces):
         work.drop_degenerate()
         work.drop_duplicate_faces()
@@ -263,13 +283,17 @@ class _Work:
             self.messages.append(Message(text.format(words), code, **{plural.split()[-1]: number}))
         return number > 0
 
-    def weld(self) -> None:
-        first = self.surface().first_equal_point
-        keep = first == np.arange(len(first))
-        if self._note("Welded {} lying exactly on another one.", "welded", "point", ~keep):
-            if self.normals is not None:
-                self.normals = _first_normals(self.normals, first)
-            self._keep_points(keep, first)
+    def weld(self, known: Weld | None, bodies: NDArray[Any] | None) -> None:
+        welded = known or _welded(self.points, self.surface(), bodies)
+        self.messages += welded.messages
+        if welded.faces is self.faces and len(welded.first) == len(self.points):
+            return
+        if self.normals is not None:
+            kept = welded.first[welded.vertex_map]
+            self.normals = _first_normals(self.normals, kept)[welded.first]
+        self.points, self.faces = self.points[welded.first], welded.faces
+        place = welded.vertex_map
+        self.vertex_map = np.where(self.vertex_map < 0, -1, place[self.vertex_map])
 
     def drop_degenerate(self) -> None:
         if not self.surface().flat_faces.any():
@@ -301,6 +325,7 @@ class _Work:
 
     def drop_duplicate_faces(self) -> None:
         repeated, folds = faces_to_drop(self.surface().topology)
+        repeated = repeated | repeated_bodies(self.surface())
         text = "Dropped {} of small folds that lie on their own back."
         some = self._note("Dropped {}.", "duplicates_dropped", "duplicate face", repeated)
         if self._note(text, "folds_dropped", "face", folds) or some:
@@ -348,13 +373,9 @@ class _Work:
         turn[self.faces[wrong[piece]]] = True
         self.normals = np.where(turn[:, None], -self.normals, self.normals) + 0.0
 
-    def _keep_points(
-        self, keep: NDArray[np.bool_], stand_in: NDArray[np.int64] | None = None
-    ) -> None:
-        """Drop points; `stand_in` names the kept point that takes a dropped one's place."""
+    def _keep_points(self, keep: NDArray[np.bool_]) -> None:
+        """Drop points that no face uses."""
         place = np.where(keep, np.cumsum(keep) - 1, -1).astype(np.int32)
-        if stand_in is not None:
-            place = place[stand_in]
         self.points = self.points[keep]
         self.normals = None if self.normals is None else self.normals[keep]
         self.faces = place[self.faces]

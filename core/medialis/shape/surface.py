@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +32,9 @@ from medialis.base.arrays import (
 )
 from medialis.base.kept import Bound
 from medialis.base.validation import FloatArray, IntArray, Positions, as_faces, as_points, frozen
+
+if TYPE_CHECKING:
+    from medialis.shape.bodies import Bodies
 
 
 class Topology:
@@ -499,6 +502,23 @@ class Surface(Bound):
         non-manifold edges.
         """
         return self.topology.face_pieces
+
+    @property
+    def bodies(self) -> IntArray:
+        """Body of each point, (n,) int32, numbered by their lowest point; 0 for all of a cloud.
+
+        A body is a closed component with its cavities, and what interpenetrates it; components that
+        are not closed are one body together. Bodies that touch, nearly touch or overlap by less
+        than 0.2 % of the diagonal are bodies of their own (see `medialis.shape.bodies`).
+        """
+        return self.body_contacts.label
+
+    @cached_property
+    def body_contacts(self) -> Bodies:
+        """The bodies, where they touch, and which points do."""
+        from medialis.shape.bodies import find_bodies
+
+        return find_bodies(self)
 
     @cached_property
     def closed_components(self) -> NDArray[np.bool_]:

@@ -56,18 +56,18 @@ class Result(results.Result):
 
     @property
     def passed(self) -> bool | None:
-        """Whether the shape has passed what the operation checks; None: it checks nothing."""
+        """Whether the shape passes the check; None where there is no check, or no verdict."""
         return self.values.get("passed")
 
     def require(self) -> Result:
-        """Return the result itself, where the shape has passed or nothing was checked.
+        """Return the result itself, where the shape passes or the operation checks nothing.
 
         Raises
         ------
         NotPassedError
-            With the verdict, where it has not.
+            With the verdict, where it does not pass or there is no verdict.
         """
-        if self.passed is False:
+        if not self.values.get("passed", True):
             raise NotPassedError(str(self.values["verdict"]))
         return self
 

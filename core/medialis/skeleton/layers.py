@@ -71,13 +71,33 @@ def samples_layer(shape: Shape) -> Layer:
     return Layer("samples", shape.points, shape.faces, attributes=normals, auxiliary=True)
 
 
-def summary(values: FloatArray, name: str) -> dict[str, float | None]:
-    """Smallest, median and largest of the finite values, as result values; None without any."""
-    finite = values[np.isfinite(values)]
+def summary(
+    values: FloatArray, name: str, weights: FloatArray | None = None
+) -> dict[str, float | None]:
+    """Minimum, median and maximum of the finite values, as result values; None without any.
+
+    With `weights`, such as the areas of samples, the median is that of the weights: it does not
+    change where a part of a surface is sampled more densely.
+    """
+    finite = np.isfinite(values)
+    if not finite.any():
+        return {f"{name}_{word}": None for word in ("min", "median", "max")}
+    found = values[finite]
+    median = np.median(found) if weights is None else weighted_median(found, weights[finite])
     return {
-        f"{name}_{word}": float(measure(finite)) if len(finite) else None
-        for word, measure in (("min", np.min), ("median", np.median), ("max", np.max))
+        f"{name}_min": float(found.min()),
+        f"{name}_median": float(median),
+        f"{name}_max": float(found.max()),
     }
+
+
+def weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    """Return the value that half of the weight is below; the plain median where all weigh 0."""
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    if not below[-1] > 0.0:
+        return float(np.median(values))
+    return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
 
 
 def computed(shape: Shape, options: Options, progress: Progress, share: float = 0.4) -> MedialCloud:

@@ -35,13 +35,13 @@ from medialis.operations.positions import place
 from medialis.operations.result import Layer, Outcome, Result
 from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.shape.shape import Shape
-from medialis.skeleton.layers import cloud_arrays, summary, surface_layers
+from medialis.skeleton.layers import cloud_arrays, summary, surface_layers, weighted_median
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.preparation import InvariantPreparation
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
 from medialis.walls.rules import MATERIALS, NONE, PROCESSES, Rules, process_help, rules_of
-from medialis.walls.thickness import thickness, unresolved_walls, wall_balls
-from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_places
+from medialis.walls.thickness import thickness, unresolved_walls, wall_balls, wall_thickness
+from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
 from medialis.walls.wall_check import (
     EQUAL,
     LARGEST_SHARE,
@@ -91,18 +91,18 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     same = options.threshold * shape.diagonal / fine.diagonal
     given, options = options, replace(options, threshold=min(same, 1.0))
     with progress.stage("thickness", 0.7, 0.85):
-        thickness.of(cloud, options, progress)
+        values = thickness.of(cloud, options, progress)
+        walls = wall_thickness.of(cloud, options, progress)
     with progress.stage("thin spots", 0.85, 1.0):
-        places = thin_places.of(cloud, options, progress)
-    values, spots = places.values, places.spots
+        spots = thin_spots.of(cloud, options, progress)
     note_resolution(cloud, progress)
     note_enclosure(cloud, progress)
-    _note_share(values, options, fine, progress)
+    _note_share(walls, options, fine, progress)
     _note_thinnest(spots, given, shape, progress)
     labels = np.full(fine.point_count, -1, np.int32)
     for row, spot in enumerate(spots, 1):  # as in the list
         labels[spot.vertices] = row
-    fields: dict[str, Any] = {"thickness": values, "thin_spot": labels}
+    fields: dict[str, Any] = {"thickness": values, "wall_thickness": walls, "thin_spot": labels}
     shown: dict[str, Any] = {"color_by": "thickness", **COLORS, "labels": ("thin_spot",)}
     limits = float(values.min()), float(np.percentile(values, SHOWN_SHARE))
     limit = given.threshold * shape.diagonal or None
@@ -113,7 +113,8 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
         layers=(layers[0], *marks, *layers[1:]),
         values={
             "samples": fine.point_count,
-            **summary(values, "thickness"),
+            **summary(values, "thickness", fine.point_areas),
+            **summary(walls, "wall_thickness", fine.point_areas),
             "thin_spots": len(spots),
             "overlaps": sum(spot.kind == "overlap" for spot in spots),
             "spots": _table(
@@ -124,8 +125,16 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
             "spacing": fine.spacing,
         },
         arrays={**cloud_arrays(cloud), **fields},
-        shown=(replace(layers[-1], color_limit=limit), *marks),
+        shown=(_against(layers[-1], walls, limit), *marks),
     )
+
+
+def _against(layer: Layer, walls: FloatArray, limit: float | None) -> Layer:
+    """Return the layer as pictures show it: walls against a threshold, if there is one."""
+    if limit is None:
+        return layer
+    limits = float(walls.min()), float(np.percentile(walls, SHOWN_SHARE))
+    return replace(layer, color_by="wall_thickness", color_limits=limits, color_limit=limit)
 
 
 def _spots_layer(spots: tuple[ThinSpot, ...], limits: tuple[float, float]) -> tuple[Layer, ...]:
@@ -175,7 +184,7 @@ def _table(places: Iterable[Any], *names: str) -> list[dict[str, Any]]:
 def _thin(result: Result, shape: Shape) -> Mask:
     """Which vertices lie on a wall below the threshold."""
     limit = result.parameters["threshold"] * shape.diagonal
-    return np.asarray(result.layers[0].attributes["thickness"]) < limit
+    return np.asarray(result.layers[0].attributes["wall_thickness"]) < limit
 
 
 def _note_share(
@@ -186,7 +195,7 @@ def _note_share(
     share = float(surface.point_areas[thin].sum() / surface.point_areas.sum())
     if share > MOST:
         limit = with_unit(options.threshold * surface.diagonal, surface.unit)
-        median = with_unit(float(np.median(values)), surface.unit)
+        median = with_unit(weighted_median(values, surface.point_areas), surface.unit)
         text = (
             f"{100 * share:.0f} % of the shape is thinner than the threshold of {limit}; its "
             f"median {options.kind} is {median}. Check the unit of the threshold."
@@ -259,17 +268,18 @@ THICKNESS = Operation(
     group="Thickness",
     help="Measure how thick a shape is at every point of its surface, and list the thinnest "
     "places.\n\n"
-    "The thickness is the diameter of the largest ball that fits into the wall behind the point. "
-    "Convex edges, bumps and noise do not count as thin: there, the thickness of the wall around "
-    "is taken, so that every vertex has a value. Thin spots are listed with both ends, value, area "
-    "and vertices, one entry for each place; overlaps of parts are told from walls.",
+    "The thickness is the diameter of the largest ball inside the shape that touches or contains "
+    "the point; it falls to zero towards a sharp edge. The wall thickness leaves edges, bumps and "
+    "noise out: there, it is that of the wall around. Thin spots are the thinnest walls, each with "
+    "both ends, value, area and vertices; overlaps of parts are listed apart from walls.",
     source="thesis 3.5.1",
     examples=(
         ("creature.ply --unit mm --threshold 0.1mm", "where the wall is thinner than 0.1 mm"),
         ("creature.ply -o report --report", "the thinnest places, with a page on how sure that is"),
     ),
     layers={
-        "thickness": "the surface with the thickness behind each vertex, and its thin spot",
+        "thickness": "the surface with thickness, wall thickness and number of the thin spot at "
+        "each vertex",
         "thin_spots": "one point for each thin spot, the thinnest first",
         "samples": "the same on the refined surface",
     },
@@ -296,12 +306,15 @@ CHECK_COLORS = (
 )  # fmt: skip
 """Their colours in pictures."""
 
+UNCHECKED = 0.01
+"""Fraction of the surface that may be unchecked in a verdict: a few samples have no ball."""
+
 RATIO = 0.6
 """Of a rib to its wall, where no process says another."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallCheckRun(Preparation):
+class WallCheckRun(InvariantPreparation):
     """Options of the operation `wall_check`."""
 
     minimum: float = length(
@@ -409,7 +422,7 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     note_resolution(cloud, progress)
     note_enclosure(cloud, progress)
     _note_limits(check, limits, options, shape, progress)
-    _note_regions(check, limits, shape, progress)
+    _note_regions(check, limits, fine, shape, progress)
     _note_ribs(check, limits.rib_ratio, progress)
     fields: dict[str, Any] = {"thickness": check.thickness, **_codes(check)}
     low = check.minimum if check.minimum > 0 else float(check.thickness.min())
@@ -418,7 +431,7 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     limits_shown = low, max(high, low)
     layers = surface_layers("wall_check", shape, fine, fields, color_limits=limits_shown, **shown)
     marks = _regions_layer(check) + _ribs_layer(check, limits.rib_ratio)
-    verdict, passed = _verdict(check, limits.rib_ratio)
+    verdict, passed = _verdict(check, fine, limits.rib_ratio)
     return Outcome(
         shape=fine,
         layers=(layers[0], *marks, *layers[1:]),
@@ -428,7 +441,9 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             "minimum": check.minimum,
             "maximum": check.maximum,
             "typical": check.typical,
-            **summary(check.thickness, "thickness"),
+            "largest_ball": check.largest_ball,
+            "checked_share": _checked_share(check, fine),
+            **summary(check.thickness, "thickness", fine.point_areas),
             "too_thin": len(check.of_kind("too thin")),
             "too_thick": len(check.of_kind("too thick")),
             "narrow_gaps": len(check.of_kind("gap")) if gaps else None,
@@ -533,22 +548,35 @@ def _thick_ribs(check: WallCheck, most: float) -> int:
     return sum(rib.ratio > most * (1.0 + EQUAL) for rib in check.ribs)
 
 
-def _verdict(check: WallCheck, most_ratio: float) -> tuple[str, bool]:
-    """Return what fails the check, in a sentence, and whether nothing does."""
+def _checked_share(check: WallCheck, surface: Shape) -> float:
+    """Return the fraction of the area that the check speaks for."""
+    areas = surface.point_areas
+    return float(areas[check.checked].sum() / areas.sum())
+
+
+def _verdict(check: WallCheck, surface: Shape, most_ratio: float) -> tuple[str, bool | None]:
+    """Return the verdict in a sentence, and whether the part passes; None: no verdict."""
     nouns = {"too thin": "wall too thin", "too thick": "wall too thick", "gap": "gap too narrow"}
     found = [
         (len(check.of_kind(kind)), noun)  # type: ignore[arg-type]
         for kind, noun in nouns.items()
     ]
     found.append((_thick_ribs(check, most_ratio), "rib too thick for its wall"))
-    told = [
+    failures = [
         f"{count} {noun if count == 1 else noun.replace(' ', 's ', 1)}"
         for count, noun in found
         if count
     ]
-    if not told:
-        return "All walls, ribs and gaps that were checked are within the limits.", True
-    return f"The part does not pass: {', '.join(told)}.", False
+    share = _checked_share(check, surface)
+    partly = share < 1.0 - UNCHECKED
+    of_it = f" Only {100 * share:.3g} % of the surface was checked." if partly else ""
+    if failures:
+        return f"The part does not pass: {', '.join(failures)}.{of_it}", False
+    if share == 0.0:
+        return "No verdict: nothing was checked, since the surface encloses no volume.", None
+    if partly:
+        return f"No verdict: nothing fails where the part was checked.{of_it}", None
+    return "All walls, ribs and gaps that were checked are within the limits.", True
 
 
 def _note_limits(
@@ -581,7 +609,9 @@ def _note_limits(
     progress.note(text, "wall_limits", **told)
 
 
-def _note_regions(check: WallCheck, limits: WallLimits, shape: Shape, progress: Progress) -> None:
+def _note_regions(
+    check: WallCheck, limits: WallLimits, fine: Shape, shape: Shape, progress: Progress
+) -> None:
     words = {
         "too thin": ("region", "too thin, the worst {} thick"),
         "too thick": ("region", "too thick, the worst {} thick"),
@@ -600,7 +630,15 @@ def _note_regions(check: WallCheck, limits: WallLimits, shape: Shape, progress: 
             f"{text.format(with_unit(worst.value, shape.unit))} at ({place})."
         )
         progress.warn(text, kind.replace(" ", "_"), regions=len(regions), worst=worst.value)
-    if not failed:
+    share = _checked_share(check, fine)
+    if share < 1.0 - UNCHECKED:
+        parts = len(np.unique(fine.components[~check.checked]))
+        text = (
+            f"{100 * (1.0 - share):.3g} % of the surface, {counted(parts, 'part')}, was not "
+            "checked: it encloses no volume there. Close the surface, or thicken it to a solid."
+        )
+        progress.warn(text, "not_checked", share=1.0 - share, parts=parts)
+    elif not failed:
         progress.note("All walls are within the limits.", "walls_pass")
     if found := check.of_kind("part lines"):
         width = limits.line_width

@@ -1,8 +1,8 @@
 """Thin spots: where a shape is thinnest, one entry a place (for thesis 3.5.1).
 
-1. Low places of the thickness (`low_places`). With a threshold, a place is a connected region below
-   it: what fails a wall check. Without one, a place is a prominent minimum: from it one must climb
-   to 1.25 times its value before reaching anywhere thinner. Its region is all that is connected to
+1. Low places of the wall thickness (`low_places`). With a threshold, a place is a connected region
+   below it. Without one, a place is a prominent minimum: from it one must climb to 1.25 times its
+   value before reaching anywhere thinner. Its region is all that is connected to
    it below 1.25 times its value. Such regions never overlap: if those of two minima m1 < m2 met,
    both would be connected below 1.25 m2, and m2 would reach the lower m1 without climbing that
    high. One or two samples that are far too low (a fold, a bad normal) make no place there: minima
@@ -25,7 +25,7 @@ normals of facets are too rough to tell more than the balls of the samples do.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from itertools import islice
@@ -45,7 +45,7 @@ from medialis.shape.surface import linked_rows
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.surface_skeleton import as_cloud
 from medialis.walls.thickness import (
-    ThicknessOptions,
+    WallThicknessOptions,
     least_wall_angle,
     thickness,
     thickness_field,
@@ -420,7 +420,7 @@ class WallBalls:
     Parameters
     ----------
     cloud : MedialCloud
-    options : ThicknessOptions
+    options : WallThicknessOptions
         Of the field that the places are those of: `share`, and the angle of walls, which is at
         least `WALL_ANGLE`.
     with_threshold : bool
@@ -428,7 +428,7 @@ class WallBalls:
     """
 
     def __init__(
-        self, cloud: MedialCloud, options: ThicknessOptions, *, with_threshold: bool
+        self, cloud: MedialCloud, options: WallThicknessOptions, *, with_threshold: bool
     ) -> None:
         rows = wall_balls(cloud, options.min_spoke_angle)
         self.balls, self.surface = cloud.subset(rows), cloud.surface
@@ -674,7 +674,7 @@ class ThinSpot(Described):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThinSpotOptions(ThicknessOptions):
+class ThinSpotOptions(WallThicknessOptions):
     """Options of `thin_spots`."""
 
     threshold: float = length(
@@ -724,7 +724,7 @@ def thin_spots(
 
     See Also
     --------
-    thickness : the field that the places are those of.
+    wall_thickness : the field whose low places these are.
 
     Notes
     -----
@@ -739,65 +739,19 @@ def thin_spots(
     >>> spots[0].kind, bool(spots[0].value < spots[1].value)
     ('wall', True)
     """
-    return thin_places.of(cloud, options, progress).spots
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class ThinPlaces(Described):
-    """Thin spots, and a thickness that they are the lowest places of.
-
-    Attributes
-    ----------
-    spots : tuple of ThinSpot
-    values : (n,) float64
-        `thickness` with that of each spot where it is: calipers measure between samples, and
-        without a threshold specks take no part. Nothing is thinner than the thinnest spot, unless
-        all balls were asked for (`min_spoke_angle` 0).
-    specks : int
-        Places that were left out.
-    raised : int
-        Samples thinner than the thinnest spot, which count with a threshold only.
-    """
-
-    spots: tuple[ThinSpot, ...]
-    values: FloatArray
-    specks: int
-    raised: int
-
-
-@algorithm(ThinSpotOptions, door=as_cloud)
-def thin_places(cloud: MedialCloud, options: ThinSpotOptions, progress: Progress) -> ThinPlaces:
-    """Return `thin_spots` with a thickness that agrees with them.
-
-    Parameters
-    ----------
-    cloud : MedialCloud
-        Balls on n samples.
-
-    Raises
-    ------
-    InvalidShapeError
-        When no inner ball is valid.
-    """
     thickness.of(cloud, options, progress)  # raises where there is no ball
-    places = run_patiently(lambda: _find(cloud, options), progress)
-    if places.specks:
+    spots, specks = run_patiently(lambda: _find(cloud, options), progress)
+    if specks:
         text = (
-            f"{counted(places.specks, 'place', verbs=('was', 'were'))} left out that only a few "
+            f"{counted(specks, 'place', verbs=('was', 'were'))} left out that only a few "
             "samples make far thinner than all around, such as folds; a threshold counts them."
         )
-        progress.note(text, "specks", places=places.specks)
-    elif places.raised:
-        text = (
-            f"{counted(places.raised, 'single sample', verbs=('is', 'are'))} thinner than the "
-            "thinnest spot, without others around; a threshold counts them."
-        )
-        progress.note(text, "single_samples", samples=places.raised)
-    return places
+        progress.note(text, "specks", places=specks)
+    return spots
 
 
-def _find(cloud: MedialCloud, options: ThinSpotOptions) -> ThinPlaces:
-    """Find thin spots, walls before overlaps, and count the specks that were as thin as they.
+def _find(cloud: MedialCloud, options: ThinSpotOptions) -> tuple[tuple[ThinSpot, ...], int]:
+    """Return thin spots, walls before overlaps, and the number of specks that were as thin.
 
     Balls of specks and of overlaps are left out, the thickness completed and its places looked for
     again: the wall round them is a place when nothing in it is thinner. What is beside specks is
@@ -805,12 +759,10 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> ThinPlaces:
     """
     share, level, field = options.share, options.threshold, thickness_field(cloud, options)
     assert field is not None
-    whole_field = field
     values = share * field.values
     every = partial(WallBalls, cloud, options, with_threshold=level > 0)
     balls, level = every(), level * cloud.surface.diagonal
     flawed = specks = np.zeros(cloud.surface.point_count, np.bool_)
-    crumpled = np.zeros_like(flawed)
     found: dict[str, list[LowPlace]] = {"wall": [], "overlap": [], "speck": []}
     changed = True
     for rings in range(ROUNDS):
@@ -826,8 +778,7 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> ThinPlaces:
                     found[what].append(place)
                 if what != "wall":
                     (specks if what == "speck" else flawed)[place.vertices] = True
-        grown = balls.grown(specks, rings)
-        flawed, crumpled = flawed | grown, crumpled | grown
+        flawed = flawed | balls.grown(specks, rings)
         if int(flawed.sum()) == before:
             break
         rest = field and thickness_without(cloud, flawed, options, field)
@@ -842,36 +793,7 @@ def _find(cloud: MedialCloud, options: ThinSpotOptions) -> ThinPlaces:
         places = found[kind][: options.spots]
         by = every() if kind == "overlap" and places else balls
         spots += sorted((_spot(kind, by, place) for place in places), key=lambda spot: spot.value)
-    smooth, walls_only = whole_field, options.min_spoke_angle > 0
-    if walls_only:
-        smooth = thickness_without(cloud, crumpled, options, whole_field) or whole_field
-    at_least = walls_only and level <= 0
-    values = agreeing(share * smooth.values, spots, cloud.surface, at_least=at_least)
-    raised = int((share * whole_field.values < values.min() * (1.0 - ALIKE)).sum())
-    return ThinPlaces(tuple(spots), values, len(found["speck"]), raised)
-
-
-def agreeing(
-    values: FloatArray, spots: Sequence[Any], surface: Shape, *, at_least: bool = False
-) -> FloatArray:
-    """Return values (n,) that are those of thin spots, or of regions, where these are.
-
-    `at_least`: and nowhere lower.
-    """
-    result = values.copy()
-    if at_least and spots:
-        for spot in (one for one in spots if one.kind == "wall"):
-            result[spot.vertices] = np.maximum(result[spot.vertices], spot.value)
-        np.maximum(result, min(spot.value for spot in spots), out=result)
-    for spot in spots:
-        if result[spot.vertices].min() <= spot.value:
-            continue
-        points = surface.points[spot.vertices]
-        for end in (spot.position, spot.opposite):
-            if not np.isnan(end).any():
-                nearest = spot.vertices[np.linalg.norm(points - end, axis=1).argmin()]
-                result[nearest] = min(result[nearest], spot.value)
-    return frozen(result, np.float64)
+    return tuple(spots), len(found["speck"])
 
 
 def _spot(kind: SpotKind, balls: WallBalls, place: LowPlace) -> ThinSpot:

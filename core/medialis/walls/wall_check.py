@@ -2,16 +2,22 @@
 
 Wall check: walls that are too thin or too thick, gaps that are too narrow (for thesis 3.5.1).
 
-A wall lies between two opposite faces: the two feature points of its balls are far apart, as seen
-from the center, and their planes meet at no sharp edge (`walls/ribs.py`) and in no rounded rim
-(`rim_balls`). All other samples have the thickness of the wall that they belong to
-(`walls/thickness.py`), so that neither edges nor fillets are thin. A region is what is connected
-below the minimum, or above the maximum, along the surface and across the wall; its area is that of
-one side of the wall (`side_area`).
+Too thin is a wall: a ball between two opposite faces, whose feature points are far apart as seen
+from the center, and whose planes meet neither at a sharp edge (`walls/ribs.py`) nor in a rounded
+rim (`rim_balls`). All other samples have the thickness of the wall around them
+(`walls/thickness.py`), so that neither edges nor fillets are thin. Too thick is any place into
+which a ball larger than the maximum fits: lumps, junctions of walls and round bodies alike.
+
+A region is connected below the minimum, or above the maximum, along the surface and across the
+wall; its area is that of one side of the wall (`side_area`).
+
+The check speaks for the surface that encloses something: an open surface whose balls are outside of
+it has no walls (`checked_samples`).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -24,17 +30,24 @@ from numpy.typing import NDArray
 from medialis.base.arrays import Described, Index, Mask, kd_tree, sums_of, unit_rows
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.shape.shape import Shape
 from medialis.shape.surface import piece_labels
+from medialis.skeleton.layers import weighted_median
 from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.walls.ribs import Rib, edge_balls, over_feet, ribs
-from medialis.walls.thickness import ThicknessOptions, thickness, thickness_field
+from medialis.walls.thickness import (
+    LargestBalls,
+    WallThicknessOptions,
+    largest_balls,
+    thickness_field,
+    wall_thickness,
+    walls_of,
+)
 from medialis.walls.thin_spots import (
     PlaceGraph,
     ThinSpotOptions,
-    agreeing,
     low_places,
     thin_spots,
 )
@@ -71,6 +84,16 @@ RIM_WALLS = 16
 
 SIDE = math.cos(math.radians(45.0))
 """Faces that turn by less from a sample in a wall are of the same side of it."""
+
+PROBES = 64
+"""Balls of an open component that are tested for being inside of it."""
+
+GROWN, GROWING, GROWTH_STEPS, GROWTH = 0.9, 16, 40, 1.1
+"""Fraction of the largest diameter from which on balls are grown, how many, by how many steps, and
+a bound of the first radius."""
+
+AROUND = np.array([way for way in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(way)])
+"""Steps around a center."""
 
 FLAW, BESIDE = 0.25, 3  # halved 58 %, doubled 73 %; halved 0 %, doubled 0 %
 """A ball smaller than this share of the spacing counts where so many neighbours have a ball within
@@ -115,7 +138,11 @@ class WallCheck(Described):
     Attributes
     ----------
     thickness : (n,) float64
-        At each sample.
+        Diameter of the largest ball that touches or contains each sample.
+    checked : (n,) bool
+        Samples of bodies that enclose something; the check speaks for no others.
+    largest_ball : float
+        Diameter of the largest ball that fits inside.
     edge : (n,) bool
         Samples at a sharp edge: their own ball, thinner than the minimum, counts for no wall.
     flaws : int
@@ -123,7 +150,7 @@ class WallCheck(Described):
     minimum, maximum, gap : float
         The limits in the units of the shape; inf for no maximum, 0 for no minimum or gap.
     typical : float
-        The thickness that half of the area is thinner than.
+        Median of the wall thickness over the area.
     regions : tuple of WallRegion
         Too thin, too thick, gaps, overlaps, part lines; the worst of each first.
     ribs : tuple of Rib
@@ -131,6 +158,8 @@ class WallCheck(Described):
     """
 
     thickness: FloatArray
+    checked: Mask
+    largest_ball: float
     edge: Mask
     flaws: int
     minimum: float
@@ -189,22 +218,27 @@ def check_walls(
         When no inner ball is valid.
     """
     angle = math.radians(wall_angle)
+    balls = largest_balls(cloud, progress)
+    checked = run_patiently(lambda: checked_samples(cloud), progress)
     at_edge = run_patiently(lambda: edge_balls(cloud), progress)
     flaws = run_patiently(lambda: _flaws(cloud, ~at_edge & (cloud.wall_angles >= angle)), progress)
     at_rim = run_patiently(lambda: rim_balls(cloud, angle), progress)
     rest = ~(at_edge | flaws | at_rim)  # unless nothing is left
     some = not rest.all() and (cloud.valid & (cloud.side > 0) & rest).any()
     walls = cloud.subset(rest) if some else cloud
-    values = thickness.of(walls, ThicknessOptions(min_spoke_angle=wall_angle), progress)
-    typical = _typical(walls, values)
+    values = wall_thickness.of(walls, WallThicknessOptions(min_spoke_angle=wall_angle), progress)
+    assert balls is not None  # `wall_thickness` has raised
+    typical = weighted_median(values, cloud.surface.point_areas)
     least, largest = limits.minimum, limits.maximum
     if least is None and largest is None:
         least, largest = LEAST_SHARE * typical, LARGEST_SHARE * typical
     minimum, maximum = least or 0.0, largest or math.inf
     rows = np.flatnonzero((walls.side > 0) & (walls.wall_angles >= angle))
+    thick = run_patiently(lambda: _Thick(cloud, balls, checked), progress)
     regions = _thin(walls, values, minimum, limits, wall_angle, progress)
+    regions = [region for region in regions if checked[region.vertices].any()]
     if maximum < math.inf:
-        regions += run_patiently(lambda: _thick(walls, values, rows, maximum, limits), progress)
+        regions += run_patiently(lambda: thick.regions(maximum, limits.most_regions), progress)
     if outer is not None and limits.gap > 0:
         regions += run_patiently(lambda: _gaps(outer, limits, angle), progress)
     if limits.line_width > 0:
@@ -215,12 +249,41 @@ def check_walls(
     regions.sort(key=lambda region: order.index(region.kind))
     edge = np.zeros(len(values), np.bool_)
     edge[cloud.source[at_edge & (2.0 * cloud.radii < minimum)]] = True
-    thin = [region for region in regions if region.kind in ("too thin", "overlap")]
-    values = agreeing(values, thin, cloud.surface)  # calipers measure between samples
     return WallCheck(
-        *(values, edge, int(flaws.sum()), minimum, maximum, limits.gap, typical),
-        *(tuple(regions), tuple(standing)),
+        thickness=balls.diameters,
+        checked=checked,
+        largest_ball=thick.largest,
+        edge=edge,
+        flaws=int(flaws.sum()),
+        minimum=minimum,
+        maximum=maximum,
+        gap=limits.gap,
+        typical=typical,
+        regions=tuple(regions),
+        ribs=tuple(standing),
     )
+
+
+def checked_samples(cloud: MedialCloud) -> Mask:
+    """Return the samples (n,) with an inner ball in a body that encloses something.
+
+    A closed component does. Of an open one, or a cloud, the centers of some balls must be inside.
+    """
+    surface = cloud.surface
+    result = np.zeros(surface.point_count, np.bool_)
+    inner = cloud.valid & (cloud.side > 0)
+    result[cloud.source[inner]] = True
+    closed = surface.closed_components[surface.components]
+    if surface.faces is not None and closed.all():
+        return result
+    enclosure = Enclosure(surface)
+    source = cloud.source[inner]
+    for component in np.unique(surface.components[source[~closed[source]]]).tolist():
+        rows = np.flatnonzero(inner & (surface.components[cloud.source] == component))
+        rows = rows[np.linspace(0, len(rows) - 1, min(PROBES, len(rows))).astype(np.int64)]
+        if (enclosure.times(cloud.centers[rows]) < ENCLOSED).mean() > 0.5:
+            result[surface.components == component] = False
+    return result
 
 
 def _flaws(cloud: MedialCloud, walls: Mask) -> Mask:
@@ -366,13 +429,6 @@ def side_area(surface: Shape, wall: NDArray[np.integer], samples: NDArray[np.int
     return 0.5 * float(seen @ surface.face_areas[chosen])
 
 
-def _typical(cloud: MedialCloud, values: FloatArray) -> float:
-    """Return the median over the area."""
-    order = np.argsort(values, kind="stable")
-    below = np.cumsum(cloud.surface.point_areas[order])
-    return float(values[order[np.searchsorted(below, 0.5 * below[-1])]])
-
-
 def _thin(
     cloud: MedialCloud,
     values: FloatArray,
@@ -404,16 +460,116 @@ def _thin(
     return found
 
 
-def _thick(
-    cloud: MedialCloud, values: FloatArray, rows: Index, maximum: float, limits: WallLimits
-) -> list[WallRegion]:
-    """Return the regions thicker than the maximum, also where no walls meet."""
-    level = maximum * (1.0 + EQUAL)
-    if not (values > level).any():
-        return []
-    sure = surely(cloud, values, ~over_feet(cloud, values, rows), values - level)
-    found = _regions("too thick", cloud, rows, values, level / values, 1.0, sure)
-    return [region for region, _ in islice(found, limits.most_regions)]
+class _Thick:
+    """Where balls are large, and the largest one that fits inside.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+    balls : LargestBalls
+        Of its samples.
+    checked : (n,) bool
+        Samples that count.
+    """
+
+    def __init__(self, cloud: MedialCloud, balls: LargestBalls, checked: Mask) -> None:
+        self.cloud, self.balls, self.enclosure = cloud, balls, Enclosure(cloud.surface)
+        self.closed = cloud.surface.closed_components[cloud.surface.components]
+        self.values = np.where(checked, balls.diameters, 0.0)
+        """Diameter at each sample: of its ball, or of the larger one that this ball grows to."""
+        self.exact = np.zeros(len(checked), np.bool_)
+        """Samples whose ball was grown between the triangles themselves."""
+        if cloud.surface.faces is not None:
+            self._grow()
+        self.largest = float(self.values.max())
+
+    def _grow(self) -> None:
+        """Move the largest balls, some apart from each other, until they grow no more.
+
+        Balls touch samples: the largest one that fits between the triangles touches none as a rule.
+        The center takes the best of several steps around it, which are halved where none is better.
+        """
+        surface, cloud = self.cloud.surface, self.cloud
+        rows = np.unique(self.balls.rows[self.values > GROWN * self.values.max()])
+        rows = rows[np.argsort(-cloud.radii[rows], kind="stable")]
+        chosen: list[int] = []
+        while len(rows) and len(chosen) < GROWING:
+            row = int(rows[0])
+            chosen.append(row)
+            far = np.linalg.norm(cloud.centers[rows] - cloud.centers[row], axis=1)
+            rows = rows[far > 0.5 * cloud.radii[row]]
+        chosen = [row for row in chosen if self._inside(np.array([row]))[0]]
+        if not chosen:
+            return
+        walls = walls_of(surface)
+
+        def room_at(places: FloatArray, bound: FloatArray) -> FloatArray:
+            bound = np.broadcast_to(bound, places.shape[:-1])
+            return walls.room(places.reshape(-1, 3), bound.ravel().copy()).reshape(bound.shape)
+
+        centers = cloud.centers[chosen]
+        radii = room_at(centers, cloud.radii[chosen] * GROWTH)
+        steps = np.full(len(chosen), surface.spacing)
+        for _ in range(GROWTH_STEPS):
+            tried = centers[:, None] + steps[:, None, None] * AROUND
+            room = room_at(tried, (radii + 2.0 * steps)[:, None])
+            best = room.argmax(axis=1)
+            better = room[np.arange(len(best)), best] > radii * (1.0 + 1e-9)
+            centers[better] = tried[better, best[better]]
+            radii[better] = room[better, best[better]]
+            steps[~better] *= 0.5
+            if (steps < 1e-4 * radii).all():
+                break
+        samples = cloud.source[chosen]
+        grown = 2.0 * radii > self.values[samples]
+        self.exact[samples] = True
+        self.values[samples[grown]] = 2.0 * radii[grown]
+
+    def _inside(self, rows: Index) -> Mask:
+        """Return which balls (k,) have their center inside of the surface."""
+        inside = self.closed[self.cloud.source[rows]].copy()
+        others = np.flatnonzero(~inside)
+        inside[others] = self.enclosure.times(self.cloud.centers[rows[others]]) >= ENCLOSED
+        return inside
+
+    def regions(self, maximum: float, most: int) -> list[WallRegion]:
+        """Return the regions into which a ball larger than the maximum fits, the largest first."""
+        cloud, surface, level = self.cloud, self.cloud.surface, maximum * (1.0 + EQUAL)
+        beyond = self.values > level
+        if not beyond.any():
+            return []
+        every = np.ones(len(beyond), np.bool_)
+        sure = surely(cloud, self.values, every, self.values - level) | (self.exact & beyond)
+        ball = self.balls.rows
+        found: dict[int, IntArray] = {}
+        samples = np.arange(surface.point_count, dtype=np.int32)
+        links = [cloud.features[ball], np.stack([samples, cloud.source[ball]], axis=1)]
+        field = np.full(len(ball), np.inf)
+        field[beyond] = level / self.values[beyond]
+        for place in low_places(PlaceGraph(surface, np.concatenate(links)), field, level=1.0):
+            telling = place.vertices[(sure & beyond)[place.vertices]]
+            if len(telling) == 0:
+                continue
+            worst = int(telling[np.argmax(self.values[telling])])
+            away = [
+                math.dist(cloud.centers[ball[one]], cloud.centers[ball[worst]]) for one in found
+            ]
+            same = np.flatnonzero(np.array(away) < 0.25 * self.values[worst])
+            if len(same):  # one ball touches several sides, which are not connected
+                lump = list(found)[int(same[0])]
+                found[lump] = np.union1d(found[lump], place.vertices)
+            elif self._inside(ball[[worst]])[0]:
+                found[worst] = place.vertices
+        return [self._region(worst, found[worst]) for worst in list(found)[:most]]
+
+    def _region(self, worst: int, vertices: IntArray) -> WallRegion:
+        """Return the region of some samples; the ball of sample `worst` is the largest."""
+        cloud, surface, row = self.cloud, self.cloud.surface, int(self.balls.rows[worst])
+        inside = self.values[vertices]
+        area = side_area(surface, np.arange(surface.point_count), vertices)
+        measured = float(self.values[worst]), float(inside.min()), float(inside.max()), area
+        ends = surface.points[cloud.source[row]], cloud.contacts[row]
+        return WallRegion("too thick", *ends, *measured, vertices)
 
 
 def _part_lines(

@@ -389,6 +389,8 @@ def _walls(found: Mapping[str, Any]) -> dict[str, str] | None:
     lines = f" {counted(told, 'wall', verbs=('is', 'are'))} not whole lines." if told else ""
     if values["passed"]:
         return _line("Walls", INFO if told else GOOD, f"All walls are within the limits.{lines}")
+    if values["passed"] is None:
+        return _line("Walls", LOOK, values["verdict"])
     words = {"too_thin": "too thin", "too_thick": "too thick", "narrow_gaps": "gaps too narrow",
              "thick_ribs": "ribs too thick for their wall"}  # fmt: skip
     counts = [f"{number(values[name])} {text}" for name, text in words.items() if values[name]]
