@@ -146,7 +146,7 @@ def left_out(divide: Divide, wanted: list[str]) -> None:
 
 def measured(shape: medialis.Shape) -> tuple[Sites, np.ndarray, medialis.Shape]:
     """Return the sites of a shape, the quantities of their pairs, and its refined surface."""
-    options = PartsOptions().settled(shape, Progress())
+    options = PartsOptions().with_auto_resolved(shape, Progress())
     cloud = balls_of(shape, options, Progress()).inner.own
     placed = all_placements(cloud)
     area = cloud.surface.point_areas / cloud.surface.area

@@ -55,11 +55,11 @@ def test_automatic_options_say_so_and_take_numbers(operation):
 @pytest.mark.parametrize("operation", OPERATIONS, ids=lambda one: one.name)
 def test_typed_numbers_are_never_changed(operation, small_shape, monkeypatch):
     """Nothing is chosen for options that were typed, whatever they equal."""
-    monkeypatch.delattr(Options, "chosen")
+    monkeypatch.delattr(Options, "with_auto_values")
     numbers = numbers_of(operation)
     options = operation.resolve(numbers)
     shape = small_shape(operation.name)
-    settled = options.measured(shape, Progress()).settled(shape, Progress())
+    settled = options.measured(shape, Progress()).with_auto_resolved(shape, Progress())
     assert {name: settled.values()[name] for name in numbers} == numbers
 
 
@@ -79,7 +79,7 @@ def test_results_report_what_was_chosen_and_use_what_was_typed(name, small_shape
         assert again.automatic == () and dict(again.parameters) == dict(chosen.parameters)
         assert same_layers(chosen, again)
         with monkeypatch.context() as patch:
-            patch.setattr(Options, "chosen", None)  # called for nothing
+            patch.setattr(Options, "with_auto_values", None)  # called for nothing
             if name == "centerline":  # the curve skeleton that finds its ends has other options
                 patch.undo()
             typed = medialis.run(name, shape, **numbers)

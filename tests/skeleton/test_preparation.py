@@ -5,7 +5,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.skeleton.surface_skeleton import TOO_LONG_SHARE, suited_edge
+from medialis.skeleton.surface_skeleton import TOO_LONG_SHARE, auto_longest_edge
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def samples(shape, length):
 
 def chosen(shape, length):
     """Longest edge that "auto" takes, starting from a length."""
-    return suited_edge(shape, length / shape.diagonal) * shape.diagonal
+    return auto_longest_edge(shape, length / shape.diagonal) * shape.diagonal
 
 
 def test_a_dense_mesh_with_a_few_longer_edges_keeps_its_samples(shape):

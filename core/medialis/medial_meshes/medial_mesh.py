@@ -595,7 +595,7 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
 def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
     """Return the fine complex and its collapse, kept for other numbers of balls."""
     balls = 0 if options.error else options.balls
-    start = options.automatic().get("samples")
+    start = options.auto_starts().get("samples")
     count = options.samples if start is None else max(int(start), SAMPLES_A_BALL * balls)
     solid, roof = _solid(shape, progress)
     if roof is not None and not options.error and balls < ENOUGH * len(roof):
@@ -608,7 +608,7 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
     whole = roof is None and balls > MANY
     if start is not None:
         count = max(count, WHOLE_SAMPLES) if whole else count
-        options.chosen({"samples": count}, progress)
+        options.with_auto_values({"samples": count}, progress)
 
     def work() -> tuple[FineComplex, Planes | None]:
         with progress.stage("sampling", 0.0, 0.7):

@@ -386,7 +386,7 @@ class Preparation(Options):
         """Return the size that automatic lengths are fractions of, in diagonals of the shape."""
         return 1.0
 
-    def suited(
+    def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
         """Choose tolerance and longest edge; balls that are given have theirs already.
@@ -405,15 +405,15 @@ class Preparation(Options):
             chosen["tolerance"] = min(max(scale * starts["tolerance"], noise), MAX_TOLERANCE)
         if "refine" in starts and clean.faces is not None:
             start = min(scale * starts["refine"], 1.0)
-            chosen["refine"] = run_patiently(lambda: suited_edge(clean, start), progress)
+            chosen["refine"] = run_patiently(lambda: auto_longest_edge(clean, start), progress)
         return chosen
 
-    def unused(self, data: Any) -> frozenset[str]:
+    def unused_options(self, data: Any) -> frozenset[str]:
         """Return the options that only prepare shapes, where balls are given."""
         prepares = frozenset({"denoise", "tolerance", "refine", "side"})
         return prepares if isinstance(data, MedialCloud) else frozenset()
 
-    def of_balls(self) -> SurfaceSkeletonOptions:
+    def ball_options(self) -> SurfaceSkeletonOptions:
         """Return the options of the balls that the algorithm works on."""
         return SurfaceSkeletonOptions.taken_from(self)
 
@@ -524,7 +524,7 @@ def balls_of(data: Shape | MedialCloud, options: Options, progress: Progress) ->
     """
     if isinstance(data, MedialCloud):
         return data
-    own = options.of_balls() if isinstance(options, Preparation) else SurfaceSkeletonOptions()
+    own = options.ball_options() if isinstance(options, Preparation) else SurfaceSkeletonOptions()
     return surface_skeleton.of(data, own, progress)
 
 
@@ -544,7 +544,7 @@ def prepared(
 ) -> Shape:
     """Return the surface to compute on; report what was done.
 
-    `options` are settled: their tolerance and longest edge are numbers. `finer` may split edges of
+    Tolerance and longest edge in `options` are numbers, not "auto". `finer` may split edges of
     the refined mesh further, and return it as it is where none are.
     """
     clean, level, _ = _without_noise(shape, options.denoise, progress)
@@ -618,7 +618,7 @@ def _refined(
     return fine
 
 
-def suited_edge(shape: Shape, fraction: float) -> float:
+def auto_longest_edge(shape: Shape, fraction: float) -> float:
     """Return the longest edge for a mesh, as a fraction of its diagonal, from a fraction on."""
     if not _dense(shape, fraction * shape.diagonal):
         return affordable_edge(shape, fraction)

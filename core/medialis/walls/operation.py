@@ -393,11 +393,11 @@ class WallCheckRun(InvariantPreparation):
     )
     refine: float = changed(ThicknessRun, "refine")
 
-    def suited(
+    def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
         """Choose the ratio of ribs by the process, if it has one, and the rest by the shape."""
-        chosen = super().suited(data, starts, progress)
+        chosen = super().auto_values(data, starts, progress)
         if "rib_ratio" in starts:
             rules = rules_of(self.rules, self.process)
             ratio = starts["rib_ratio"] if rules is None else rules.rib_ratio
@@ -503,7 +503,7 @@ def _limits(shape: Shape, options: WallCheckRun) -> WallLimits:
             f"The minimum of {with_unit(low, shape.unit)} is above the maximum of "
             f"{with_unit(high, shape.unit)}."
         )
-    ratio = rules.rib_ratio if "rib_ratio" in options.automatic() else options.rib_ratio
+    ratio = rules.rib_ratio if "rib_ratio" in options.auto_starts() else options.rib_ratio
     lines = asked("line_width"), rules.line_tolerance, rules.most_lines
     return WallLimits(low, high, asked("gap"), options.regions, ratio, *lines)
 
