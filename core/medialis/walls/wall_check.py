@@ -140,6 +140,9 @@ class WallCheck(Described):
     ----------
     thickness : (n,) float64
         Diameter of the largest ball that touches or contains each sample.
+    walls : (n,) float64
+        Thickness of the wall at each sample, which is compared with the minimum; samples at edges,
+        rims and folds have that of the wall around them.
     checked : (n,) bool
         Samples of bodies that enclose something; the check speaks for no others.
     largest_ball : float
@@ -159,6 +162,7 @@ class WallCheck(Described):
     """
 
     thickness: FloatArray
+    walls: FloatArray
     checked: Mask
     largest_ball: float
     edge: Mask
@@ -252,6 +256,7 @@ def check_walls(
     edge[cloud.source[at_edge & (2.0 * cloud.radii < minimum)]] = True
     return WallCheck(
         thickness=balls.diameters,
+        walls=values,
         checked=checked,
         largest_ball=thick.largest,
         edge=edge,

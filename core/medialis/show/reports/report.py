@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.options import AUTO, Kind
+from medialis.base.options import AUTO, NUMBERS, Kind
 from medialis.base.progress import Progress, ProgressCallback, counted
 from medialis.base.threads import run_patiently
 from medialis.formats.json_npz import json_text
@@ -272,7 +272,7 @@ def _parameters(measures: Mapping[str, Any]) -> str:
 
 
 def _with_unit(kind: Kind | None, value: Any) -> str:
-    if value == AUTO:
+    if kind in NUMBERS and value == AUTO:
         return "automatic"
     if kind is Kind.LENGTH:
         return f"{number(100 * value)} % of the diagonal"
