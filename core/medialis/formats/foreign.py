@@ -66,26 +66,22 @@ _INSTALL = {
     "3mf": (),
     "vtp": (),
 }
-<<<<<<< HEAD
-_ARRAYS = {
-    **{"points": "<f8", "faces": "<i8", "patches": "<i4", "normals": "<f8", "planes": "<i4"},
-    "bodies": "<i4",
-}
-"""What a process tells, three numbers a row, or one of those of four bytes."""
-=======
 """The packages that read a format: name, sentence, extra."""
 
 _ARRAYS = {
     "points": ("<f8", 3), "faces": ("<i8", 3), "counts": ("<i8", 1), "corners": ("<i8", 1),
     "patches": ("<i4", 1), "normals": ("<f8", 3), "planes": ("<i4", 1), "viewpoints": ("<f8", 3),
+    "bodies": ("<i4", 1),
 }  # fmt: skip
 """Arrays that the child process returns: type, and numbers in a row."""
 
-_ROWS_LIKE = {"patches": "faces", "planes": "faces", "normals": "points", "viewpoints": "points"}
+_ROWS_LIKE = {
+    **{"patches": "faces", "planes": "faces", "bodies": "faces"},
+    **{"normals": "points", "viewpoints": "points"},
+}
 """Arrays that have as many rows as another one, or none."""
 
 MAX_MESSAGES = 20
->>>>>>> wt-c
 
 _BUFFERS = re.compile(rb'"uri"\s*:\s*"(?!data:)([^"\\]{1,1000})"')
 
@@ -94,14 +90,10 @@ _BUFFERS = re.compile(rb'"uri"\s*:\s*"(?!data:)([^"\\]{1,1000})"')
 class Foreign:
     """What a file holds: points (n, 3), triangles (m, 3), its unit, and the CAD face of each.
 
-<<<<<<< HEAD
     And the normals (n, 3) of the CAD model, zero at its edges, the flat face of each triangle, and
     the body of the file that it belongs to.
-=======
-    And the normals (n, 3) of the CAD model, zero at its edges, and the flat face of each triangle.
     Polygons have `counts` (p,) and `corners` instead of triangles, and a scan has `viewpoints`
     (n, 3), NaN where unknown.
->>>>>>> wt-c
     """
 
     points: FloatArray
@@ -110,13 +102,11 @@ class Foreign:
     patches: IntArray | None = None
     normals: FloatArray | None = None
     planes: IntArray | None = None
-<<<<<<< HEAD
-    bodies: IntArray | None = None
-=======
     counts: NDArray[np.int64] | None = None
     corners: NDArray[np.int64] | None = None
     viewpoints: FloatArray | None = None
     messages: tuple[Message, ...] = ()
+    bodies: IntArray | None = None
 
     @classmethod
     def of_parsed(cls, parsed: ParsedMesh, unit: str | None = None) -> Foreign:
@@ -126,7 +116,6 @@ class Foreign:
             counts=parsed.counts, corners=parsed.corners, viewpoints=parsed.viewpoints,
             messages=parsed.messages,
         )  # fmt: skip
->>>>>>> wt-c
 
 
 def parsed_foreign(kind: str, data: bytes, name: str) -> Foreign:
@@ -206,14 +195,8 @@ def _taken(said: bytes) -> Foreign:
         rows = np.frombuffer(rest[:length], kind).reshape(count, width)
         arrays[name] = rows if width > 1 else rows[:, 0]
         rest = rest[length:]
-<<<<<<< HEAD
-    for name in ("patches", "planes", "bodies", "normals"):
-        rows, of = arrays[name], "points" if name == "normals" else "faces"
-        if len(rows) not in (0, len(arrays[of])):
-=======
     for name, other in _ROWS_LIKE.items():
         if len(arrays[name]) not in (0, len(arrays[other])):
->>>>>>> wt-c
             raise InvalidShapeError("its parser failed: it is damaged.")
         if not len(arrays[name]):
             arrays[name] = None
@@ -270,15 +253,13 @@ def _parsed(kind: str, data: bytes, folder: str) -> Foreign:
     if kind == "step":
         from medialis.formats.step import parse_step
 
-        return Foreign(*parse_step(data))
+        solids = parse_step(data)
+        return Foreign(*solids[:6], bodies=solids[6])
     if kind == "3mf":
         from medialis.formats.three_mf import parse_three_mf
 
-<<<<<<< HEAD
         points, faces, unit, bodies = parse_three_mf(data)
         return Foreign(points, faces, unit, bodies=bodies)
-=======
-        return Foreign(*parse_three_mf(data))
     if kind == "vtp":
         from medialis.formats.vtk_polydata import parse_vtp
 
@@ -294,7 +275,6 @@ def _parsed(kind: str, data: bytes, folder: str) -> Foreign:
         from medialis.formats.scans import parse_e57
 
         return Foreign.of_parsed(parse_e57(data), "m")
->>>>>>> wt-c
     return _through_trimesh(data, kind, folder)
 
 

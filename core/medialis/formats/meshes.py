@@ -329,21 +329,15 @@ def _read_foreign(kind: str, data: bytes, name: str) -> MeshData:
     """Read what a child process parses; faces of a CAD model are patches."""
     _check_unpacked(data)
     found = parsed_foreign(kind, data, name)
-<<<<<<< HEAD
-    counts = np.full(len(found.faces), 3, np.int64)
-    mesh = _checked(ParsedMesh(found.points, counts, found.faces.ravel()), kind, ())
-    bodies = None if found.bodies is None else frozen(found.bodies, np.int32)
-    up = _collada_up(data) if kind == "dae" else None
-    mesh = replace(mesh, unit=found.unit, own_up=up, bodies=bodies)
-=======
     counts, corners = found.counts, found.corners
     if counts is None or corners is None:
         counts, corners = np.full(len(found.faces), 3, np.int64), found.faces.ravel()
     normals = found.normals if found.planes is None else None
     parsed = ParsedMesh(found.points, counts, corners, normals, found.messages, found.viewpoints)
     mesh = _checked(parsed, kind, ())
-    mesh = replace(mesh, unit=found.unit, own_up=_collada_up(data) if kind == "dae" else None)
->>>>>>> wt-c
+    bodies = None if found.bodies is None else frozen(found.bodies, np.int32)
+    up = _collada_up(data) if kind == "dae" else None
+    mesh = replace(mesh, unit=found.unit, own_up=up, bodies=bodies)
     if found.patches is None:
         return mesh
     faces = int(found.patches.max()) + 1

@@ -267,13 +267,9 @@ def read_shape(
     model = mesh.planes is not None
     normals = mesh.normals if model or mesh.faces is None else None
     views = None if normals is not None else mesh.viewpoints
-<<<<<<< HEAD
-    of_faces = mesh.patches, mesh.planes, mesh.bodies
-    told = _Told(views, unit or mesh.unit, *of_faces, up or mesh.up)
-=======
     up = up or mesh.up or (up_of_cloud(mesh.points) if mesh.faces is None else None)
-    told = _Told(views, unit or mesh.unit, mesh.patches, mesh.planes, up)
->>>>>>> wt-c
+    of_faces = mesh.patches, mesh.planes, mesh.bodies
+    told = _Told(views, unit or mesh.unit, *of_faces, up)
     with progress.stage("prepare", 0.5, 1.0):
         try:
             return _made(mesh.points, mesh.faces, normals, told, True, progress)
