@@ -506,7 +506,7 @@ class _Thick:
 
         centers = cloud.centers[chosen]
         radii = room_at(centers[:, None], cloud.radii[chosen] * GROWTH)[:, 0]
-        steps = np.full(len(chosen), surface.spacing)
+        steps = np.minimum(surface.spacing, 0.25 * radii)  # centers stay in the ball, and inside
         for _ in range(GROWTH_STEPS):
             tried = centers[:, None] + steps[:, None, None] * AROUND
             room = room_at(tried, radii + 2.0 * steps)
