@@ -194,7 +194,7 @@ def test_a_surface_that_encloses_nothing_has_no_verdict(limits):
             result = medialis.run("wall_check", shape, **limits)
         except medialis.InvalidShapeError:
             continue  # no ball at all
-        assert result.passed is None and result.values["checked_share"] == 0.0
+        assert result.passed is None and result.values["checked_percent"] == 0.0
         assert "not_checked" in {m.code for m in result.messages}
         assert result.values["regions"] == []
         with pytest.raises(medialis.NotPassedError):
@@ -206,9 +206,9 @@ def test_a_verdict_says_how_much_of_the_surface_it_speaks_for():
     part = medialis.make_shape(*both(solid, (sheet(2.0)[0] + [9, 0, 0], sheet()[1])), unit="mm")
     found = medialis.run("wall_check", part, minimum="0.5mm", refine=0.02).values
     assert found["passed"] is None
-    assert found["checked_share"] == pytest.approx(16 / 20, abs=0.02)
+    assert found["checked_percent"] == pytest.approx(80, abs=2)
     thin = medialis.run("wall_check", part, minimum="1.2mm", refine=0.02).values
     assert thin["passed"] is False and thin["too_thin"] == 1
     whole = medialis.make_shape(*solid, unit="mm")
     result = medialis.run("wall_check", whole, minimum="0.5mm", refine=0.02)
-    assert result.passed and result.values["checked_share"] == 1.0
+    assert result.passed and result.values["checked_percent"] == 100.0
