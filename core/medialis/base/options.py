@@ -62,7 +62,7 @@ LENGTHS = frozenset(
     | {"least_radius"}
     | {"straight_distance", "diagonal", "spacing", "value", "noise", "moved", "feature_radius"}
     | {"minimum", "maximum", "typical", "wall", "least", "most"}
-    | {"rib_thickness", "wall_thickness", "weld_length"}
+    | {"rib_thickness", "wall_thickness", "checked_thickness", "largest_ball", "weld_length"}
     | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
     | {"pieces_to_surface", "surface_to_pieces", "thickness_mean", "median_radius", "boundary"}
 )

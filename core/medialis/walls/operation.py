@@ -55,6 +55,9 @@ SHOWN_SHARE = 98.0  # halved 0 %, doubled 100 %
 """Per cent of the vertices that the colours span, from the thinnest up: a few very thick places do
 not make everything else look thin."""
 
+EVEN = 0.02
+"""Relative: colors do not tell walls apart that differ by less from the middle of their range."""
+
 COLORS: dict[str, Any] = {"color_map": "sequential"}
 
 PLACES = 15  # halved 0 %, doubled 0 %
@@ -105,7 +108,7 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     fields: dict[str, Any] = {"thickness": values, "wall_thickness": walls, "thin_spot": labels}
     # Vertices of parts are on sharp edges as a rule, where the thickness is nearly 0.
     shown: dict[str, Any] = {"color_by": "wall_thickness", **COLORS, "labels": ("thin_spot",)}
-    limits = float(walls.min()), float(np.percentile(walls, SHOWN_SHARE))
+    limits = _color_limits(walls)
     limit = given.threshold * shape.diagonal or None
     layers = surface_layers("thickness", shape, fine, fields, color_limits=limits, **shown)
     marks = _spots_layer(spots, limits)
@@ -128,6 +131,13 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
         arrays={**cloud_arrays(cloud), **fields},
         shown=(replace(layers[-1], color_limit=limit), *marks),
     )
+
+
+def _color_limits(values: FloatArray) -> tuple[float, float]:
+    """Return the range of the colors, which is at least `EVEN` to each side of its middle."""
+    low, high = float(values.min()), float(np.percentile(values, SHOWN_SHARE))
+    middle = 0.5 * (low + high)
+    return min(low, (1.0 - EVEN) * middle), max(high, (1.0 + EVEN) * middle)
 
 
 def _spots_layer(spots: tuple[ThinSpot, ...], limits: tuple[float, float]) -> tuple[Layer, ...]:
