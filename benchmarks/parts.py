@@ -27,9 +27,9 @@ from scipy.spatial.transform import Rotation
 
 import medialis
 from medialis.base.progress import Progress
-from medialis.segments.operation import PartsRun
-from medialis.segments.parts import PartsOptions, SeenSites, as_seen, extent_share
+from medialis.segments.parts import PartsOptions, SeenSites, as_seen
 from medialis.segments.sites import Sites, all_placements, mean_quantities
+from medialis.skeleton.surface_skeleton import balls_of
 
 ROOT = Path(__file__).resolve().parents[1]
 SHARED = ROOT.parent / "shared"
@@ -146,10 +146,8 @@ def left_out(divide: Divide, wanted: list[str]) -> None:
 
 def measured(shape: medialis.Shape) -> tuple[Sites, np.ndarray, medialis.Shape]:
     """Return the sites of a shape, the quantities of their pairs, and its refined surface."""
-    asked, share = PartsRun(), extent_share(shape)
-    cloud = medialis.surface_skeleton(
-        shape, refine=share * asked.refine, tolerance=share * asked.tolerance
-    ).inner.own
+    options = PartsOptions().with_auto_resolved(shape, Progress())
+    cloud = balls_of(shape, options, Progress()).inner.own
     placed = all_placements(cloud)
     area = cloud.surface.point_areas / cloud.surface.area
     quantities = np.stack(mean_quantities(placed, area)).astype(np.float32)

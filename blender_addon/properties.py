@@ -18,7 +18,7 @@ from bpy.props import (
 )
 
 from medialis import OPERATIONS, Length
-from medialis.hosts import Kind, Operation, Parameter, as_typed, title
+from medialis.hosts import AUTO, Kind, Operation, Parameter, as_typed, title
 
 from . import live, reading
 from .filtering import WIDGETS
@@ -31,7 +31,8 @@ LARGEST = 2**31 - 1
 LENGTH_SUFFIX = "_in_units"
 """What the name of a length in the unit of the scene ends in."""
 
-"""What the tooltip of such a length ends in."""
+SWITCH_PREFIX = "use_"
+"""What the name of the switch of an automatic option begins with: off is automatic."""
 
 OPTIONS = {
     "add_samples": BoolProperty(
@@ -110,7 +111,11 @@ EXTRAS: dict[str, dict[str, Any]] = {
 
 
 def property_of(parameter: Parameter, update: Update = None) -> Any:
-    """Return the Blender property of a parameter: lengths in per cent of the size."""
+    """Return the Blender property of a parameter: lengths in per cent of the size.
+
+    That of an automatic one has the number from which the operation starts; see `switch_of`.
+    """
+    default = parameter.default if parameter.auto is None else parameter.auto
     about: dict[str, Any] = {
         "update": update,
         "name": parameter.label,
@@ -131,14 +136,14 @@ def property_of(parameter: Parameter, update: Update = None) -> Any:
         return StringProperty(subtype="FILE_PATH", default=parameter.default, **about)
     if kind is Kind.INT:
         low, high = max(int(parameter.low), -LARGEST), min(int(parameter.high), LARGEST)
-        return IntProperty(default=parameter.default, min=low, max=high, **about)
+        return IntProperty(default=int(default), min=low, max=high, **about)
     subtype, scale = WIDGETS.get(kind, ("NONE", 1.0))
     high = scale * parameter.high
     if kind is Kind.LENGTH:
         about["description"] += ". In per cent of the size (the bounding-box diagonal)"
         about["soft_max"] = min(high, 100.0)
     return FloatProperty(
-        default=scale * parameter.default,
+        default=scale * default,
         min=scale * parameter.low,
         max=high,
         subtype=subtype,
@@ -157,6 +162,30 @@ def length_of(parameter: Parameter, update: Update = None) -> Any:
         precision=4,
         update=update,
     )
+
+
+def switch_of(parameter: Parameter, update: Update = None) -> Any:
+    """Return the switch of an automatic option: on, its number is used; off, one is chosen."""
+    return BoolProperty(
+        name=f"Set {parameter.label}",
+        description="Use this value. Otherwise the operation chooses one that suits the shape, and "
+        "the result says which",
+        update=update,
+    )
+
+
+def is_automatic(parameter: Parameter, holder: Any) -> bool:
+    """Tell whether the operation chooses the value.
+
+    Scripts give an operator the number alone: it counts, unless they turn its switch off.
+    """
+    if parameter.auto is None:
+        return False
+    switch, given = SWITCH_PREFIX + parameter.name, getattr(holder, "properties", holder)
+    names = {parameter.name, shown_name(parameter, getattr(holder, "lengths_in", "SIZE"))}
+    if given is not holder and not given.is_property_set(switch):
+        return not any(map(given.is_property_set, names))
+    return not getattr(holder, switch)
 
 
 def value_of(parameter: Parameter, value: Any) -> Any:
@@ -185,7 +214,9 @@ def parameters_of(operation: Operation, holder: Any) -> dict[str, Any]:
     found = {}
     for p in operation.parameters:
         shown = shown_name(p, getattr(holder, "lengths_in", "SIZE"))
-        if shown != p.name and given.is_property_set(shown):
+        if is_automatic(p, holder):
+            found[p.name] = AUTO
+        elif shown != p.name and given.is_property_set(shown):
             found[p.name] = Length(as_typed(getattr(holder, shown)), "units")
         else:
             found[p.name] = value_of(p, getattr(holder, p.name))
@@ -227,6 +258,8 @@ def annotations_of(operation: Operation, update: Update = None) -> dict[str, Any
     own = {p.name: property_of(p, update) for p in operation.parameters}
     lengths = [p for p in operation.parameters if p.kind is Kind.LENGTH]
     own |= {p.name + LENGTH_SUFFIX: length_of(p, update) for p in lengths}
+    automatic = [p for p in operation.parameters if p.auto is not None]
+    own |= {SWITCH_PREFIX + p.name: switch_of(p, update) for p in automatic}
     return {**own, **EXTRAS.get(operation.name, {})}
 
 

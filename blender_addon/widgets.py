@@ -8,9 +8,9 @@ from typing import Any
 
 import bpy
 
-from medialis.hosts import Operation
+from medialis.hosts import Operation, Parameter
 
-from .properties import EXTRAS, shown_name
+from .properties import EXTRAS, SWITCH_PREFIX, shown_name
 
 CHARACTER = 7.0
 """Pixels of a letter of the panel, on average, at Blender's standard scale."""
@@ -24,13 +24,26 @@ def draw_options(
     column.use_property_split, column.use_property_decorate = True, False
     for parameter in operation.parameters:
         if not parameter.advanced:
-            column.prop(holder, shown_name(parameter, lengths_in))
+            draw_option(column, parameter, holder, lengths_in)
     for name in EXTRAS.get(operation.name, {}):
         column.prop(holder, name)
     advanced = [parameter for parameter in operation.parameters if parameter.advanced]
     if advanced and (not fold or draw_fold(column, holder, "unfolded_more", "More")):
         for parameter in advanced:
-            column.prop(holder, shown_name(parameter, lengths_in))
+            draw_option(column, parameter, holder, lengths_in)
+
+
+def draw_option(layout: Any, parameter: Parameter, holder: Any, lengths_in: str) -> None:
+    """Draw one option; an automatic one with its switch, and grey where that is off."""
+    name = shown_name(parameter, lengths_in)
+    if parameter.auto is None:
+        layout.prop(holder, name)
+        return
+    row = layout.row(heading=parameter.label)
+    row.prop(holder, SWITCH_PREFIX + parameter.name, text="")
+    number = row.row()
+    number.enabled = getattr(holder, SWITCH_PREFIX + parameter.name)
+    number.prop(holder, name, text="")
 
 
 def draw_fold(layout: Any, settings: Any, name: str, text: str) -> bool:

@@ -37,7 +37,7 @@ def shown(parameter: Parameter, value: Any) -> str:
     """Return a value as people read it."""
     if parameter.kind is Kind.BOOL:
         return "yes" if value else "no"
-    if parameter.kind in (Kind.CHOICE, Kind.FILE):
+    if parameter.kind in (Kind.CHOICE, Kind.FILE) or isinstance(value, str):
         return str(value) or "none"
     if parameter.kind is Kind.INT:
         return str(int(value))

@@ -291,9 +291,11 @@ def _allowed(parameter: Parameter, value: Any) -> bool:
 def values_of(parameter: Parameter) -> tuple[Any, ...]:
     """Return up to four values from low to high, the default among them; none for files.
 
+    Of automatic options, the number from which they start counts as the default.
+
     Numbers are spread by factors round the default, where it is not 0; angles evenly.
     """
-    default = parameter.default
+    default = parameter.default if parameter.auto is None else parameter.auto
     if parameter.kind is Kind.FILE:
         return ()
     if parameter.kind is Kind.BOOL:

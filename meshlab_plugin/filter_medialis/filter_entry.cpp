@@ -14,7 +14,8 @@ namespace {
 
 Kind kindOf(const QString& name)
 {
-    static const QStringList names = {"float", "int", "bool", "choice", "length", "angle", "file"};
+    static const QStringList names = {"float", "int", "bool", "choice", "length", "angle", "file",
+                                       "text"};
     return Kind(std::max(0, names.indexOf(name)));
 }
 
@@ -28,6 +29,7 @@ ParameterEntry parameterOf(const QJsonObject& about)
     for (const QJsonValue& choice : about["choices"].toArray())
         entry.choices << choice.toString();
     const QJsonValue standard = about["default"];
+    entry.text = standard.toString();
     if (entry.kind == Kind::Choice)
         entry.number = entry.choices.indexOf(standard.toString());
     else

@@ -6,12 +6,13 @@
 
 #include <vector>
 
-enum class Kind { Float, Int, Bool, Choice, Length, Angle, File };
+enum class Kind { Float, Int, Bool, Choice, Length, Angle, File, Text };
 
 struct ParameterEntry {
     QString name;         // Python name; the command line writes it with dashes
     Kind kind;
     double number;        // default: a number, 0 or 1, or the index of a choice
+    QString text;         // default of a text, "auto": what is written there goes on as it is
     double low, high;     // range of a number
     QStringList choices;
     QString label, help;

@@ -48,6 +48,10 @@ void add(const ParameterEntry& p, double size, double number, RichParameterList&
         list.addParam(RichFileOpen(p.name, "", QStringList{"*.*"}, p.label,
                                    p.help MEDIALIS_ADVANCED(p.advanced)));
         break;
+    case Kind::Text:
+        list.addParam(
+            RichString(p.name, p.text, p.label, p.help MEDIALIS_ADVANCED(p.advanced)));
+        break;
     }
 }
 
@@ -145,9 +149,14 @@ QStringList argumentsOf(const FilterEntry& filter, const RichParameterList& valu
             if (!path.isEmpty()) arguments << flag(p.name) + "=" + path;
             continue;
         }
+        if (p.kind == Kind::Text) {  // the command line checks it
+            const QString text = values.getString(p.name).trimmed();
+            if (!text.isEmpty() && text != p.text) arguments << flag(p.name) + "=" + text;
+            continue;
+        }
         const double number = numberOf(p, values);
         checkRange(p, number, diagonal(mesh));
-        // The default stays the operation's own: rounding, and what it adapts to the shape.
+        // The default stays the operation's own, without the rounding of dialogs.
         if (std::abs(number - p.number) > 2e-6 * std::abs(p.number)) arguments << argument(p, number);
     }
     if (filter.selects) arguments << "--select";

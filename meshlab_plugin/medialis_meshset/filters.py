@@ -15,6 +15,7 @@ from pymeshlab import PyMeshLabException
 import medialis
 from medialis import MedialisError, Result
 from medialis.hosts import (
+    AUTO,
     AUXILIARY,
     HIDE_SOURCE,
     SELECTED,
@@ -71,7 +72,8 @@ def run_filter(
     if hide is not False:  # it lies inside, or the result lies on it
         mesh_set.set_mesh_visibility(mesh.id(), not hide)
     layers, attributes, message = _change(mesh_set, chosen, new, data)
-    record(mesh_set, chosen, {**result.parameters, **no_files, **host})
+    given = {**result.parameters, **dict.fromkeys(result.automatic, AUTO)}
+    record(mesh_set, chosen, {**given, **no_files, **host})
     return {
         **(result.values if data.selected is None else {SELECTED: int(data.selected.sum())}),
         "layers": layers,
@@ -97,6 +99,8 @@ def filter_values(
     host = {p.name: given.pop(p.name, False) for p in chosen.host_parameters}
     values = chosen.resolve(with_fractions(chosen, given, diagonal)).values()
     for parameter in chosen.parameters:
+        if parameter.auto is not None and values[parameter.name] == AUTO:
+            continue
         if parameter.kind is Kind.LENGTH:
             values[parameter.name] *= diagonal
         elif parameter.kind is Kind.CHOICE:

@@ -9,7 +9,7 @@ from typing import Any
 
 from pymeshlab import PercentageValue, PyMeshLabException
 
-from medialis.hosts import Filter, Kind, Parameter, filters
+from medialis.hosts import AUTO, Filter, Kind, Parameter, filters
 from medialis_meshset.parameters import parameters_of, percent
 
 TYPES = {
@@ -71,7 +71,7 @@ def filter_parameter_values(name: str) -> dict[str, Any]:
     """
     return {
         parameter.name: PercentageValue(100 * parameter.default)
-        if parameter.kind is Kind.LENGTH
+        if parameter.kind is Kind.LENGTH and parameter.default != AUTO
         else parameter.default
         for parameter in parameters_of(require_filter(name))
     }
@@ -146,7 +146,7 @@ class _Shown:
 
 
 def _default(parameter: Parameter) -> str:
-    if parameter.kind is Kind.LENGTH:
+    if parameter.kind is Kind.LENGTH and parameter.default != AUTO:
         return percent(parameter.default)
     return repr(parameter.default)
 
@@ -163,7 +163,8 @@ def _range(parameter: Parameter) -> str:
 
 def _units(parameter: Parameter) -> str:
     if parameter.kind is Kind.LENGTH:
-        return " PercentageValue of the bounding box diagonal, or PureValue in mesh units."
+        automatic = "" if parameter.auto is None else f", or '{AUTO}'"
+        return f" PercentageValue of the bounding box diagonal, PureValue in mesh units{automatic}."
     if parameter.kind is Kind.CHOICE:
         return f" One of {', '.join(repr(choice) for choice in parameter.choices)}, or its number."
     return " Degrees." if parameter.kind is Kind.ANGLE else ""

@@ -2,7 +2,8 @@
 """Parameters as MeshLab users give them become those of the core, or MeshLab's error.
 
 Lengths are `PercentageValue` (of the bounding-box diagonal) or `PureValue` (units of the mesh), as
-for pymeshlab's own filters; a plain number is refused as there. The core takes fractions.
+for pymeshlab's own filters, or "auto" where an operation can choose; a plain number is refused as
+there. The core takes fractions.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 from pymeshlab import InvalidEnumException, PercentageValue, PureValue, PyMeshLabException
 
 from medialis import InvalidOptionError
-from medialis.hosts import Filter, Kind, Parameter, as_typed
+from medialis.hosts import AUTO, Filter, Kind, Parameter, as_typed
 
 LENGTHS = (PercentageValue, PureValue)
 
@@ -69,7 +70,7 @@ def percent(fraction: float) -> str:
 
 def _value(parameter: Parameter, value: Any) -> Any:
     name = parameter.name
-    if parameter.kind is Kind.LENGTH:
+    if parameter.kind is Kind.LENGTH and not (parameter.auto is not None and value == AUTO):
         if not isinstance(value, LENGTHS):
             raise PyMeshLabException(
                 f"Parameter {name}: must be a pymeshlab.PercentageValue object or a "

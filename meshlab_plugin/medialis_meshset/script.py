@@ -18,7 +18,7 @@ from typing import Any
 
 import pymeshlab
 
-from medialis.hosts import Filter, Kind, filters
+from medialis.hosts import AUTO, Filter, Kind, filters
 
 HEADER = "<!DOCTYPE FilterScript>\n"
 TYPES = {
@@ -43,15 +43,18 @@ def record(mesh_set: pymeshlab.MeshSet, chosen: Filter, values: Mapping[str, Any
     script = _script_of(mesh_set)
     step = Xml.SubElement(script, "filter", name=chosen.title)
     for parameter in (*chosen.parameters, *chosen.host_parameters):
-        value, more = values[parameter.name], {}
-        if parameter.kind is Kind.LENGTH:  # per cent: 3 of 100
+        value = values[parameter.name]
+        more: dict[str, str] = {}
+        automatic = parameter.auto is not None and value == AUTO
+        kind = "RichString" if automatic else TYPES[parameter.kind]
+        if parameter.kind is Kind.LENGTH and not automatic:  # per cent: 3 of 100
             value, more = 100.0 * value, {"min": "0", "max": "100"}
         elif parameter.kind is Kind.CHOICE:
             more = {f"enum_val{i}": word for i, word in enumerate(parameter.choices)}
             more["enum_cardinality"] = str(len(parameter.choices))
             value = parameter.choices.index(value)
         text = str(value).lower() if parameter.kind is Kind.BOOL else str(value)
-        about = {"name": parameter.name, "type": TYPES[parameter.kind], "value": text, **more}
+        about = {"name": parameter.name, "type": kind, "value": text, **more}
         Xml.SubElement(step, "Param", {**about, "description": parameter.label, "tooltip": ""})
     _load(mesh_set, script)
 
@@ -85,7 +88,9 @@ def _given(chosen: Filter, step: Xml.Element) -> dict[str, Any]:
         parameter, text = known.get(row.get("name", "")), row.get("value", "")
         if parameter is None:
             continue
-        if parameter.kind is Kind.LENGTH:
+        if parameter.auto is not None and text == AUTO:
+            given[parameter.name] = AUTO
+        elif parameter.kind is Kind.LENGTH:
             share = float(text) / (float(row.get("max", "100")) or 1.0)
             given[parameter.name] = pymeshlab.PercentageValue(100.0 * share)
         elif parameter.kind is Kind.BOOL:

@@ -119,7 +119,9 @@ def test_properties_are_those_of_the_core(chosen, addon):
         shown = rna.properties[parameter.name]
         assert shown.name.startswith(parameter.label)
         assert shown.description.startswith(parameter.help.removesuffix("."))
-        assert properties.value_of(parameter, shown.default) == parameter.default
+        number = parameter.default if parameter.auto is None else parameter.auto
+        assert properties.value_of(parameter, shown.default) == number
+        assert (f"use_{parameter.name}" in rna.properties) == (parameter.auto is not None)
         if parameter.kind is Kind.CHOICE:
             assert tuple(item.identifier for item in shown.enum_items) == parameter.choices
         if parameter.kind is Kind.LENGTH:
@@ -142,6 +144,33 @@ def test_parameters_arrive(scene):
     start("skeleton_mesh", min_spoke_angle=np.radians(70.5))
     mesh = medialis.run("skeleton_mesh", given, min_spoke_angle=70.5)
     same(bpy.context.active_object.data, "position", mesh.layers[0].points)
+
+
+def test_automatic_values_are_chosen_until_they_are_typed(scene):
+    """Scripts type a number alone; buttons send all numbers, and switches that say which count."""
+    from blender_addon import properties
+
+    chosen = operation("curve_skeleton")
+    defaults = bpy.ops.medialis.curve_skeleton.get_rna_type().properties
+
+    def parameters(**given):
+        values = {n: defaults[n].default for n in properties.annotations_of(chosen)} | given
+        own = SimpleNamespace(is_property_set=given.__contains__)
+        holder = SimpleNamespace(properties=own, lengths_in="SIZE", **values)
+        return properties.parameters_of(chosen, holder)
+
+    assert parameters()["refine"] == "auto"
+    for value in (2.0, 5.0):  # the first is what automatic begins with
+        assert parameters(refine=value)["refine"] == value / 100
+        assert parameters(refine=value, use_refine=True)["refine"] == value / 100
+        assert parameters(refine=value, use_refine=False)["refine"] == "auto"
+    settings = bpy.context.scene.medialis
+    own = settings.of_curve_skeleton
+    sent = properties.values_of(chosen, settings)
+    assert sent["use_refine"] is False
+    own.use_refine = True
+    assert properties.parameters_of(chosen, own)["refine"] == 0.02
+    assert properties.parameters_of(chosen, own)["threshold"] == "auto"
 
 
 def test_lengths_in_scene_units(scene):
@@ -287,6 +316,9 @@ class FakeOperator:
         self.reports = []
         for parameter in self.operation.parameters:
             value = given.get(parameter.name, parameter.default)
+            if parameter.auto is not None:
+                setattr(self, f"use_{parameter.name}", parameter.name in given)
+                value = given.get(parameter.name, parameter.auto)
             scale = {Kind.LENGTH: 100, Kind.ANGLE: np.radians(1)}.get(parameter.kind)
             setattr(self, parameter.name, value if scale is None else scale * value)
         self.add_samples = self.keep_materials = self.keep_earlier = self.curves = False

@@ -62,7 +62,7 @@ class Layout:
             owner.path_resolve(path)
         else:
             assert path in owner.bl_rna.properties
-        self.drawn.append(path if text is None else text)
+        self.drawn.append(text or path)
 
     def operator(self, name, icon="NONE", text=""):
         assert icon in ICONS
@@ -119,14 +119,16 @@ def test_every_operation_has_its_button_and_options(draw):
     assert "cube" in drawn
     for operation in OPERATIONS:
         assert f"medialis.{operation.name}" in drawn
-    hidden = [p.name for o in OPERATIONS for p in o.parameters if not isinstance(p.default, str)]
+    numbers = [p for o in OPERATIONS for p in o.parameters
+               if p.auto is not None or not isinstance(p.default, str)]  # fmt: skip
+    hidden = [p.name for p in numbers]
     assert not set(hidden) & set(drawn)
     settings = bpy.context.scene.medialis
     for operation in OPERATIONS:
         getattr(settings, f"of_{operation.name}").unfolded = True
     unfolded = draw()
-    visible = {p.name for o in OPERATIONS for p in o.parameters
-               if not p.advanced and not isinstance(p.default, str)}  # fmt: skip
+    visible = {p.name for p in numbers if not p.advanced}
+    visible |= {f"use_{p.name}" for p in numbers if not p.advanced and p.auto is not None}
     assert visible <= set(unfolded) and "More" in unfolded
     assert "largest_radius" not in unfolded
     for operation in OPERATIONS:
@@ -178,7 +180,10 @@ def test_the_redo_panel_has_all_options(scene):
     for operation in OPERATIONS:
         kind = getattr(bpy.ops.medialis, operation.name).get_rna_type()
         layout = Layout()
-        holder = SimpleNamespace(layout=layout, operation=operation, lengths_in="SIZE", bl_rna=kind)
+        switches = {p.identifier: False for p in kind.properties if p.identifier.startswith("use_")}
+        holder = SimpleNamespace(
+            layout=layout, operation=operation, lengths_in="SIZE", bl_rna=kind, **switches
+        )
         operators.OperationOperator.draw(holder, bpy.context)
         assert {p.name for p in operation.parameters} <= set(layout.drawn)
 

@@ -95,7 +95,7 @@ def test_parameters_reach_the_operation(creature, tmp_path, capsys):
     manifest = json.loads(capsys.readouterr().out)
     assert manifest["parameters"] == {
         "side": "both", "tolerance": 0.001, "subsample": 0.05, "refine": 0.0,
-        "largest_radius": 0.3, "importance": True, "threshold": 0.03, "denoise": "auto",
+        "largest_radius": 0.3, "importance": True, "threshold": "auto", "denoise": "auto",
         "creases": 30.0, "fans": True,
     }  # fmt: skip
     assert (tmp_path / "out" / "turntable_001.png").exists()

@@ -17,7 +17,7 @@ from medialis.curves.limb_sampling import (
     limb_radii,
     with_limbs_sampled,
 )
-from medialis.skeleton.sizes import size_share
+from medialis.skeleton.preparation import size_share
 
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0], [0.48, 0.64, 0.6]])
 

@@ -233,7 +233,9 @@ def test_help_shows_parameters_units_and_defaults(chosen):
     assert text.startswith(chosen.help.partition("\n")[0][:90])
     for parameter in chosen.parameters:
         assert f"\n{parameter.name} : " in text and f"{parameter.name}=" in shown
-        if parameter.kind is Kind.LENGTH:
+        if parameter.auto is not None:
+            assert f"{parameter.name}='auto'" in shown
+        elif parameter.kind is Kind.LENGTH:
             assert f"{parameter.name}={100 * parameter.default:g}%" in shown
         if parameter.kind is Kind.ANGLE:
             assert "Degrees." in text

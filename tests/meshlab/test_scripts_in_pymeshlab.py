@@ -30,7 +30,7 @@ def test_lists_of_pymeshlab_know_both(fresh):
     )
     assert "\tgenerate_curve_skeleton" in printed and "generate_convex_hull filter" in printed
     assert "compute_scalar_by_medial_thickness_per_vertex: Measure how thick" in printed
-    assert "\tthreshold : PercentageValue = 2% [min: 0%; max: 100%]" in printed
+    assert "\tthreshold : PercentageValue = 'auto' [min: 0%; max: 100%]" in printed
 
 
 def test_unpatching_gives_pymeshlab_its_functions_back():

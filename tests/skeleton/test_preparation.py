@@ -5,7 +5,7 @@ import pytest
 
 import closed_forms as forms
 import medialis
-from medialis.skeleton.surface_skeleton import TOO_LONG_SHARE
+from medialis.skeleton.surface_skeleton import TOO_LONG_SHARE, auto_longest_edge
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +28,11 @@ def samples(shape, length):
     return medialis.surface_skeleton(shape, refine=length / shape.diagonal).surface.point_count
 
 
+def chosen(shape, length):
+    """Longest edge that "auto" takes, starting from a length."""
+    return auto_longest_edge(shape, length / shape.diagonal) * shape.diagonal
+
+
 def test_a_dense_mesh_with_a_few_longer_edges_keeps_its_samples(shape):
     """A mesh of 194,000 vertices was refined to 194,252, and every ball computed a second time."""
     falling = np.argsort(-longest_sides(shape))
@@ -37,7 +42,9 @@ def test_a_dense_mesh_with_a_few_longer_edges_keeps_its_samples(shape):
     above = sides[np.searchsorted(share, 1.1 * TOO_LONG_SHARE) + 1]
     assert 0 < share_above(shape, below) <= TOO_LONG_SHARE < share_above(shape, above)
     assert sides[0] < 2 * above  # none is twice as long
-    assert samples(shape, below) == shape.point_count
+    assert chosen(shape, below) == pytest.approx(sides[0], rel=1e-9)
+    assert chosen(shape, above) == pytest.approx(above, rel=1e-9)
+    assert samples(shape, below) > shape.point_count  # where it was typed
     assert samples(shape, above) > shape.point_count
     assert samples(shape, sides[0] * (1 + 1e-9)) == shape.point_count
 

@@ -21,8 +21,8 @@ hold it as it was given until they meet the data (`Options.measured`): what it i
 follows from the diagonal of what is computed from, and for real lengths from its unit.
 
 The default of some options is "auto": the algorithm chooses a number that suits the data
-(`Options.settled`) and reports it. Every other value is used exactly as it was given, also one that
-equals the number "auto" starts from.
+(`Options.with_auto_resolved`) and reports it. Every other value is used exactly as it was given,
+also one that equals the number "auto" starts from.
 """
 
 from __future__ import annotations
@@ -551,27 +551,32 @@ class Options:
             progress.note(sentence, "length", option=name, **told)
         return replace(self, **fractions)
 
-    def automatic(self) -> dict[str, float]:
+    def auto_starts(self) -> dict[str, float]:
         """Return the options whose value is "auto", with the numbers from which they start."""
         every = ((p.name, p.auto) for p in self.parameters())
         return {n: start for n, start in every if start is not None and getattr(self, n) == AUTO}
 
-    def settled(self, data: Any, progress: Progress) -> Self:
-        """Replace "auto" by the numbers of `suited`, and report them; other values never change."""
-        starts = self.automatic()
-        return self.chosen(self.suited(data, starts, progress), progress) if starts else self
+    def with_auto_resolved(self, data: Any, progress: Progress) -> Self:
+        """Replace "auto" by the numbers of `auto_values`, and report them.
 
-    def suited(
+        Other values never change.
+        """
+        starts = self.auto_starts()
+        if not starts:
+            return self
+        return self.with_auto_values(self.auto_values(data, starts, progress), progress)
+
+    def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
         """Return numbers for automatic options that suit the data, by name.
 
         "auto" stays where none is returned: options without use for these data, and those that the
-        algorithm chooses later (`chosen`).
+        algorithm chooses later (`with_auto_values`).
         """
         return {}
 
-    def chosen(self, numbers: Mapping[str, Any], progress: Progress) -> Self:
+    def with_auto_values(self, numbers: Mapping[str, Any], progress: Progress) -> Self:
         """Replace "auto" by numbers, and report them in one sentence."""
         if not numbers:
             return self
@@ -579,14 +584,15 @@ class Options:
         words: dict[bool, list[str]] = {True: [], False: []}
         for name, value in numbers.items():
             length = kinds[name] is Kind.LENGTH
-            text = f"{100 * value:.4g} %" if length else f"{value:.4g}"
+            number = f"{value:,}" if kinds[name] is Kind.INT else f"{value:.4g}"
+            text = f"{100 * value:.4g} %" if length else number
             words[length].append(f"{name.replace('_', ' ')} {text}")
         told = ", ".join(words[True]) + (" of the diagonal" if words[True] else "")
         told = "; ".join(filter(None, [told, ", ".join(words[False])]))
         progress.note(f"Chosen automatically: {told}.", "automatic", values=dict(numbers))
         return replace(self, **numbers)
 
-    def unused(self, data: Any) -> frozenset[str]:
+    def unused_options(self, data: Any) -> frozenset[str]:
         """Return the names of options that do not matter for such data."""
         return frozenset()
 
@@ -656,7 +662,7 @@ def algorithm(
             own = given if type(given) is chosen else chosen.taken_from(given)
             if own.progress is not None:
                 own = replace(own, progress=None)  # nothing that is kept holds a host's callback
-            own = own.settled(data, progress)
+            own = own.with_auto_resolved(data, progress)
             if prepare is not None:
                 data = prepare(data, own, progress)
 
@@ -674,7 +680,7 @@ def algorithm(
             given = options(*args, **kwargs)
             progress = Progress.of(given.progress)
             data = data if door is None else door(data, progress)
-            if useless := sorted(set(kwargs) & given.unused(data)):
+            if useless := sorted(set(kwargs) & given.unused_options(data)):
                 raise InvalidOptionError(
                     f"{', '.join(useless)} cannot be given to {compute.__name__} with a "
                     f"{type(data).__name__}, which is computed already: give the shape instead."

@@ -293,15 +293,14 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
         "vtp, vtu: each layer for ParaView, with its attributes; msh, inp, ccx: triangles as shell "
         "elements for Gmsh, Abaqus and CalculiX"
     )
+    others = [name for name in chosen.offered if name not in chosen.default_formats]
+    own = f" Of this operation also {', '.join(others)}." if others else ""
     sub.add_argument(
         "--formats",
-        default=",".join(chosen.offered),
+        default=",".join(chosen.default_formats),
         metavar="LIST",
         help="formats to write besides PLY, with commas between them; '' for none (default: "
-        f"%(default)s). {layers}; the others: the graph. SWC holds a tree: loops are cut, see "
-        "its comments"
-        if chosen.offered
-        else f"formats to write besides PLY, with commas between them. {layers}",
+        f"{','.join(chosen.default_formats) or 'none'}).{own} Of every operation {layers}",
     )
     _add_progress(sub)
     sub.set_defaults(command=run, operation=chosen, parser=sub)

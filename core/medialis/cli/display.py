@@ -176,7 +176,7 @@ MOST_LINES, FEWEST_FILES = 25, 2
 MOST_NOTES = 3
 """Of the notes below a result, the most important first; --verbose has them all."""
 
-SAID_LAST = {"automatic", "refined", "welded", "sharp_edges", "specks", "dense_kept", "tails_kept"}
+SAID_LAST = {"refined", "welded", "sharp_edges", "specks", "dense_kept", "tails_kept"}
 """Codes of notes on how it was computed."""
 
 UNSAID = {"open_balls", "thin_walls"}
@@ -273,9 +273,9 @@ def _notes(manifest: Mapping[str, Any], verbose: bool, most: int) -> Iterator[st
     """Yield warnings, then notes and always the automatic values; how many are left out."""
     said = list(zip(manifest["messages"], manifest["notes"], strict=True))
     said.sort(key=lambda one: (not one[1]["warning"], one[1]["code"] in SAID_LAST))
-    outer = [one for one in said if not _is_inner(one[1])]
-    kept = [one for one in outer[most:] if one[1]["code"] == "automatic"]
-    shown = said if verbose else outer[:most] + kept
+    values = [one for one in said if one[1]["code"] == "automatic"]
+    others = [one for one in said if one[1]["code"] != "automatic" and not _is_inner(one[1])]
+    shown = said if verbose else others[:most] + values
     for message, about in shown:
         yield f"{'warning' if about['warning'] else 'note'}: {message}"
     if len(shown) < len(said):

@@ -410,7 +410,7 @@ def _across_creases(cloud: MedialCloud) -> Index:
 
 
 def limb_balls(shape: Shape, options: Preparation, progress: Progress) -> MedialCloud:
-    """Return the balls of a mesh whose limbs have enough samples; the options are settled."""
+    """Return the balls of a mesh whose limbs have enough samples; no option is "auto"."""
     sampled = functools.partial(with_limbs_sampled, progress=progress)
     return _balls(prepared(shape, options, progress, sampled), options, progress)
 

@@ -420,14 +420,19 @@ TEXTS: dict[str, Callable[[CurveSkeleton, str | None], str]] = {
 
 
 def graph_formats(graph_of: Callable[[Result], CurveSkeleton]) -> tuple[Format, ...]:
-    """Return the formats of an operation whose result has a graph; JSON comes back without loss."""
+    """Return the formats of an operation whose result has a graph.
+
+    JSON is written by default: it comes back without loss.
+    """
 
     def write(path: Path, result: Result) -> None:
         write_curve_skeleton(path, graph_of(result), unit=result.shape.unit)
 
     read = {"json": read_curve_skeleton}
     names = (name for name in FORMATS if name != "ply")  # its layer is one
-    return tuple(Format(name, write, "graph", read.get(name)) for name in names)
+    return tuple(
+        Format(name, write, "graph", read.get(name), by_default=name in read) for name in names
+    )
 
 
 GRAPH_FORMATS = graph_formats(lambda result: result.extras["graph"])

@@ -70,14 +70,17 @@ _INSTALL = {
 
 _ARRAYS = {
     "points": ("<f8", 3), "faces": ("<i8", 3), "counts": ("<i8", 1), "corners": ("<i8", 1),
-    "patches": ("<i4", 1), "normals": ("<f8", 3), "planes": ("<i4", 1), "viewpoints": ("<f8", 3),
-    "bodies": ("<i4", 1),
+    "patches": ("<i4", 1), "bodies": ("<i4", 1), "planes": ("<i4", 1),
+    "normals": ("<f8", 3), "viewpoints": ("<f8", 3),
 }  # fmt: skip
 """Arrays that the child process returns: type, and numbers in a row."""
 
 _ROWS_LIKE = {
-    **{"patches": "faces", "planes": "faces", "bodies": "faces"},
-    **{"normals": "points", "viewpoints": "points"},
+    "patches": "faces",
+    "planes": "faces",
+    "bodies": "faces",
+    "normals": "points",
+    "viewpoints": "points",
 }
 """Arrays that have as many rows as another one, or none."""
 
@@ -91,9 +94,8 @@ class Foreign:
     """What a file holds: points (n, 3), triangles (m, 3), its unit, and the CAD face of each.
 
     And the normals (n, 3) of the CAD model, zero at its edges, the flat face of each triangle, and
-    the body of the file that it belongs to.
-    Polygons have `counts` (p,) and `corners` instead of triangles, and a scan has `viewpoints`
-    (n, 3), NaN where unknown.
+    the body of the file that it belongs to. Polygons have `counts` (p,) and `corners` instead of
+    triangles, and a scan has `viewpoints` (n, 3), NaN where unknown.
     """
 
     points: FloatArray
@@ -102,11 +104,11 @@ class Foreign:
     patches: IntArray | None = None
     normals: FloatArray | None = None
     planes: IntArray | None = None
+    bodies: IntArray | None = None
     counts: NDArray[np.int64] | None = None
     corners: NDArray[np.int64] | None = None
     viewpoints: FloatArray | None = None
     messages: tuple[Message, ...] = ()
-    bodies: IntArray | None = None
 
     @classmethod
     def of_parsed(cls, parsed: ParsedMesh, unit: str | None = None) -> Foreign:
@@ -253,8 +255,7 @@ def _parsed(kind: str, data: bytes, folder: str) -> Foreign:
     if kind == "step":
         from medialis.formats.step import parse_step
 
-        solids = parse_step(data)
-        return Foreign(*solids[:6], bodies=solids[6])
+        return Foreign(*parse_step(data))
     if kind == "3mf":
         from medialis.formats.three_mf import parse_three_mf
 

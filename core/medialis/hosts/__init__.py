@@ -8,8 +8,10 @@ An adapter reads the user's data into a shape (`medialis.make_shape` with ``repa
 
 Operations and their options
     `Operation`, `Parameter`, `Kind` describe what there is (`medialis.OPERATIONS`); lengths are
-    fractions of the diagonal and angles degrees. `as_typed` reads widgets of single precision,
-    `picked_lines` fills an option that lists vertices from a selection.
+    fractions of the diagonal and angles degrees. An option with a number in `Parameter.auto` may be
+    `AUTO`: then the operation chooses, and `Result.parameters` has the number. `as_typed` reads
+    widgets of single precision, `picked_lines` fills an option that lists vertices from a
+    selection.
 Layers
     A `Result` is an `Outcome` with the record of its run. `Layer`, `FilterUnit` (the unit of its
     slider), `hidden_apart` for hosts without sliders, `polylines` of its edges, `solid` where lines

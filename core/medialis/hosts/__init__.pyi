@@ -1,5 +1,6 @@
 # The public names; __init__.py loads each when it is first used.
 from medialis.base.arrays import polylines as polylines
+from medialis.base.options import AUTO as AUTO
 from medialis.base.options import Kind as Kind
 from medialis.base.options import Parameter as Parameter
 from medialis.base.options import nearest_unit as nearest_unit

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from medialis.base.options import Kind, Options, Parameter
+from medialis.base.options import AUTO, Kind, Options, Parameter
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.base.threads import run_patiently
 from medialis.base.version import package_version
@@ -188,9 +188,14 @@ def menu_entries() -> list[dict[str, Any]]:
 
 
 def _described(parameter: Parameter) -> dict[str, Any]:
+    kind = parameter.kind.value
     label = parameter.label + (" (degrees)" if parameter.kind is Kind.ANGLE else "")
-    about = {"kind": parameter.kind.value, "label": label, "help": parameter.full_help}
-    return {**asdict(parameter), **about}
+    if parameter.auto is not None:  # number fields have no place for a word
+        kind, length = "text", parameter.kind is Kind.LENGTH
+        label += (
+            f" ({AUTO}, or such as {f'{100 * parameter.auto:g}%' if length else parameter.auto})"
+        )
+    return {**asdict(parameter), "kind": kind, "label": label, "help": parameter.full_help}
 
 
 def host_layers(

@@ -15,7 +15,7 @@ import numpy as np
 from medialis.base.arrays import Index
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import Options, algorithm, changed, choice, length, whole
+from medialis.base.options import AUTO, Options, algorithm, changed, choice, length, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_together
 from medialis.base.validation import FloatArray
@@ -491,13 +491,14 @@ class MedialMeshOptions(Options):
         },
     )
     samples: int = whole(
-        5000,
+        AUTO,
         "Samples",
         "About how many samples the fine mesh is computed from; more where the shape is thin or "
-        "its topology needs them.",
+        "its topology needs them. auto: 5,000, and more for more than 600 balls.",
         low=100,
         high=1_000_000,
         advanced=True,
+        auto=5000,
     )
     relief: float = length(
         0.002,
@@ -594,7 +595,8 @@ def medial_mesh(shape: Shape, options: MedialMeshOptions, progress: Progress) ->
 def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
     """Return the fine complex and its collapse, kept for other numbers of balls."""
     balls = 0 if options.error else options.balls
-    count = max(options.samples, SAMPLES_A_BALL * balls)
+    start = options.auto_starts().get("samples")
+    count = options.samples if start is None else max(int(start), SAMPLES_A_BALL * balls)
     solid, roof = _solid(shape, progress)
     if roof is not None and not options.error and balls < ENOUGH * len(roof):
         roof = None
@@ -604,7 +606,9 @@ def _base(shape: Shape, options: MedialMeshOptions, progress: Progress) -> Base:
             bounds = Bounds(structure.samples.points, structure.samples.normals)
             return Base(solid, structure.fine, structure.sequence, bounds, None, structure)
     whole = roof is None and balls > MANY
-    count = max(count, WHOLE_SAMPLES) if whole else count
+    if start is not None:
+        count = max(count, WHOLE_SAMPLES) if whole else count
+        options.with_auto_values({"samples": count}, progress)
 
     def work() -> tuple[FineComplex, Planes | None]:
         with progress.stage("sampling", 0.0, 0.7):

@@ -63,6 +63,8 @@ class Format(Described):
         ``read(path)`` gives that extra output back.
     unasked : bool
         Always written.
+    by_default : bool
+        Written unless users choose other formats.
     beside : bool
         It has more files: ``write(path, result, new)``, where ``new(name)`` is the path of another.
     """
@@ -72,6 +74,7 @@ class Format(Described):
     of: str = ""
     read: Callable[[Path], Any] | None = None
     unasked: bool = False
+    by_default: bool = True
     beside: bool = False
 
 
@@ -147,8 +150,14 @@ class Operation(Described):
 
     @property
     def offered(self) -> tuple[str, ...]:
-        """Names of its own formats that users choose from; all of them are written by default."""
+        """Names of its own formats that users choose from."""
         return tuple(one.name for one in self.formats if one.of and not one.unasked)
+
+    @property
+    def default_formats(self) -> tuple[str, ...]:
+        """Names of those that are written where users choose none."""
+        default = {one.name for one in self.formats if one.by_default}
+        return tuple(name for name in self.offered if name in default)
 
     @property
     def full_help(self) -> str:
@@ -179,5 +188,6 @@ class Operation(Described):
             **{name: getattr(self, name) for name in plain},
             "words": list(self.words),
             "formats": list(self.offered),
+            "default_formats": list(self.default_formats),
             "parameters": [{**asdict(p), "kind": p.kind.value} for p in self.parameters],
         }

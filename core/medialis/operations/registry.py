@@ -88,8 +88,8 @@ def run(
 ) -> Result:
     """Run any registered operation on a shape, as every host does.
 
-    Unlike the plain functions it refines a mesh that is too coarse, and it raises when there is
-    nothing to show.
+    It computes what the function of the same name does, adds layers and values, and raises when
+    there is nothing to show.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def run(
     near = kept(near_origin, data, None, lambda: near_origin(data), progress) if far else data
     asked, before = options, len(progress.messages)
     with thread_limit(threads):
-        options = options.settled(near, progress)
+        options = options.with_auto_resolved(near, progress)
         outcome = chosen.run(near, options, progress)
     numbers = _numbers_chosen(asked, progress.messages[before:])
     outcome = moved(outcome, offset)
@@ -165,7 +165,7 @@ def _numbers_chosen(options: Options, messages: Sequence[Message]) -> dict[str, 
     """Return the number that was chosen first for each automatic option."""
     told = [m.data["values"] for m in reversed(messages) if m.code == "automatic"]
     numbers = {name: value for chosen in told for name, value in chosen.items()}
-    return {name: numbers[name] for name in options.automatic() if name in numbers}
+    return {name: numbers[name] for name in options.auto_starts() if name in numbers}
 
 
 def _with_patches(outcome: Outcome, shape: Shape) -> Outcome:

@@ -675,7 +675,7 @@ def _limbs(cloud: MedialCloud, progress: Progress) -> IntArray:
         )
     share, starts = run_patiently(lambda: extent_share(surface), progress), CurveSkeletonOptions()
     of_extent: dict[str, Any] = {
-        name: min(share * starts.automatic()[name], 1.0) for name in ("threshold", "candidates")
+        name: min(share * starts.auto_starts()[name], 1.0) for name in ("threshold", "candidates")
     }
     skeleton = curve_skeleton.of(cloud, CurveSkeletonOptions(**of_extent), progress)
     node = skeleton.vertex_node

@@ -360,7 +360,7 @@ class MedialSheetOptions(SheetPreparation):
     )
     creases: float = changed(BallOptions, "creases")
 
-    def of_balls(self) -> SurfaceSkeletonOptions:
+    def ball_options(self) -> SurfaceSkeletonOptions:
         """Return the options of the balls: with fans, sheets have no gap at concave edges."""
         return SurfaceSkeletonOptions.taken_from(self, fans=True)
 

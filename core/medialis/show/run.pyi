@@ -158,7 +158,7 @@ def run(
     importance: bool = False,
     threshold: float | str | Length = 0.0,
     edited: str = "",
-    samples: int = 5000,
+    samples: int | Literal["auto"] = "auto",
     relief: float | str | Length = 0.002,
     seed: int = 0,
     denoise: Literal["auto", "off"] = "auto",

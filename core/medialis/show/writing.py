@@ -416,9 +416,10 @@ def write_result(
     pictures : Pictures
         Which pictures to draw.
     formats : sequence of str, optional
-        Formats of the operation's own (of a graph: swc, graphml, json, obj), all when missing; and
-        of its layers: vtp and vtu, each with its attributes for ParaView; msh (Gmsh), inp (Abaqus)
-        and ccx (CalculiX), those with triangles as shell elements.
+        Formats of the operation's own (of a graph: json, swc, graphml, obj and more), those of
+        `Operation.default_formats` when missing; and of its layers: vtp and vtu, each with its
+        attributes for ParaView; msh (Gmsh), inp (Abaqus) and ccx (CalculiX), those with triangles
+        as shell elements.
     overwrite : bool
         Replace another result, with all its files, and other files of the same names.
     progress : callable, optional
@@ -534,10 +535,10 @@ def chosen_formats(name: str, wanted: Sequence[str] | None) -> Sequence[str]:
     InvalidOptionError
         For a format that none has.
     """
-    offered = registry.operation(name).offered if name else ()
+    chosen = registry.operation(name) if name else None
     if wanted is None:
-        return offered
-    known = [*offered, *LAYER_FORMATS]
+        return chosen.default_formats if chosen else ()
+    known = [*(chosen.offered if chosen else ()), *LAYER_FORMATS]
     for ending in wanted:
         if ending not in known and all(ending not in one.offered for one in registry.OPERATIONS):
             as_choice(ending, "formats", known)

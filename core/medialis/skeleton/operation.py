@@ -157,8 +157,8 @@ def _measured(
     cloud: MedialCloud, importance: FloatArray, options: SurfaceSkeletonRun, progress: Progress
 ) -> Layer:
     """Layer of a cloud with importance, its unimportant points hidden; not if that were all."""
-    if "threshold" in options.automatic():
-        options = options.chosen({"threshold": _shown_from(cloud, importance)}, progress)
+    if "threshold" in options.auto_starts():
+        options = options.with_auto_values({"threshold": _shown_from(cloud, importance)}, progress)
     diagonal, threshold = cloud.surface.diagonal, options.threshold
     shown, unit = {"importance": importance}, FilterUnit.length(diagonal, "threshold")
     layer = cloud_layer("surface_skeleton", cloud, shown, unit=unit, hidden_below=threshold)

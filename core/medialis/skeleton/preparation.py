@@ -49,11 +49,11 @@ class InvariantPreparation(Preparation):
         """Return the size that automatic lengths are fractions of, in diagonals of the shape."""
         return size_share(shape)
 
-    def suited(
+    def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
         """Choose tolerance and longest edge, and all other automatic lengths by the size alone."""
-        chosen = super().suited(data, starts, progress)
+        chosen = super().auto_values(data, starts, progress)
         surface = data.surface if isinstance(data, MedialCloud) else data
         others = sorted(set(starts) - {"tolerance", "refine"})
         if others and isinstance(surface, Shape):
@@ -96,10 +96,12 @@ class EdgePreparation(SheetPreparation):
         },
     )
 
-    def of_balls(self) -> SurfaceSkeletonOptions:
+    def ball_options(self) -> SurfaceSkeletonOptions:
         """Return the options of the balls that are behind these edges."""
         return SurfaceSkeletonOptions.taken_from(self, side=SIDE_OF_EDGES[self.edges])
 
-    def unused(self, data: Any) -> frozenset[str]:
+    def unused_options(self, data: Any) -> frozenset[str]:
         """Return the options that only prepare shapes, where balls are given."""
-        return super().unused(data) | ({"edges"} if isinstance(data, MedialCloud) else set())
+        return super().unused_options(data) | (
+            {"edges"} if isinstance(data, MedialCloud) else set()
+        )

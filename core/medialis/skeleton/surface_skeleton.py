@@ -554,13 +554,13 @@ class Preparation(Options):
         """Return the size that automatic lengths are fractions of, in diagonals of the shape."""
         return 1.0
 
-    def settled(self, data: Any, progress: Progress) -> Self:
+    def with_auto_resolved(self, data: Any, progress: Progress) -> Self:
         """Replace "auto" by numbers; where bodies touch, choose numbers for each of them."""
-        starts = self.automatic()
+        starts = self.auto_starts()
         if isinstance(data, Shape) and {"tolerance", "refine"} & set(starts):
             by_body = self._by_body(data, starts, progress)
-            return replace(super().settled(data, progress), by_body=by_body)
-        return super().settled(data, progress)
+            return replace(super().with_auto_resolved(data, progress), by_body=by_body)
+        return super().with_auto_resolved(data, progress)
 
     def _by_body(
         self, shape: Shape, starts: Mapping[str, float], progress: Progress
@@ -577,11 +577,11 @@ class Preparation(Options):
             if "tolerance" in chosen:
                 chosen["tolerance"].append(min(scale * starts["tolerance"], MAX_TOLERANCE))
             if "refine" in chosen:
-                edge = partial(_suited_edge, part, min(scale * starts["refine"], 1.0))
+                edge = partial(auto_longest_edge, part, min(scale * starts["refine"], 1.0))
                 chosen["refine"].append(run_patiently(edge, progress))
         return tuple((name, tuple(values)) for name, values in chosen.items())
 
-    def suited(
+    def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
         """Choose tolerance and longest edge; balls that are given have theirs already.
@@ -603,15 +603,15 @@ class Preparation(Options):
             chosen["tolerance"] = min(max(scale * starts["tolerance"], noise), MAX_TOLERANCE)
         if "refine" in starts and clean.faces is not None:
             start = min(scale * starts["refine"], 1.0)
-            chosen["refine"] = run_patiently(lambda: _suited_edge(clean, start), progress)
+            chosen["refine"] = run_patiently(lambda: auto_longest_edge(clean, start), progress)
         return chosen
 
-    def unused(self, data: Any) -> frozenset[str]:
+    def unused_options(self, data: Any) -> frozenset[str]:
         """Return the options that only prepare shapes, where balls are given."""
         prepares = frozenset({"denoise", "tolerance", "refine", "side"})
         return prepares if isinstance(data, MedialCloud) else frozenset()
 
-    def of_balls(self) -> SurfaceSkeletonOptions:
+    def ball_options(self) -> SurfaceSkeletonOptions:
         """Return the options of the balls that the algorithm works on."""
         return SurfaceSkeletonOptions.taken_from(self)
 
@@ -722,7 +722,7 @@ def balls_of(data: Shape | MedialCloud, options: Options, progress: Progress) ->
     """
     if isinstance(data, MedialCloud):
         return data
-    own = options.of_balls() if isinstance(options, Preparation) else SurfaceSkeletonOptions()
+    own = options.ball_options() if isinstance(options, Preparation) else SurfaceSkeletonOptions()
     return surface_skeleton.of(data, own, progress)
 
 
@@ -742,7 +742,7 @@ def prepared(
 ) -> Shape:
     """Return the surface to compute on; report what was done.
 
-    `options` are settled: their tolerance and longest edge are numbers. `finer` may split edges of
+    Tolerance and longest edge in `options` are numbers, not "auto". `finer` may split edges of
     the refined mesh further, and return it as it is where none are.
     """
     clean, level, _ = _without_noise(shape, options.denoise, progress)
@@ -839,7 +839,7 @@ def _of_bodies(shape: Shape, options: Options, name: str) -> tuple[float, ...]:
     return lengths if number is not None and len(lengths) == number.max() + 1 else ()
 
 
-def _suited_edge(shape: Shape, fraction: float) -> float:
+def auto_longest_edge(shape: Shape, fraction: float) -> float:
     """Return the longest edge for a mesh, as a fraction of its diagonal, from a fraction on."""
     if not _dense(shape, fraction * shape.diagonal):
         return affordable_edge(shape, fraction)

@@ -40,13 +40,7 @@ from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.skeleton.preparation import InvariantPreparation
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
 from medialis.walls.rules import MATERIALS, NONE, PROCESSES, Rules, process_help, rules_of
-from medialis.walls.thickness import (
-    WallThicknessOptions,
-    thickness,
-    unresolved_walls,
-    wall_balls,
-    wall_thickness,
-)
+from medialis.walls.thickness import thickness, unresolved_walls, wall_balls, wall_thickness
 from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
 from medialis.walls.wall_check import (
     EQUAL,
@@ -392,14 +386,15 @@ class WallCheckRun(InvariantPreparation):
     )
     refine: float = changed(ThicknessRun, "refine")
 
-    def suited(
+    def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
-        """Choose the ratio of ribs by the process, and the rest by the shape."""
-        chosen = super().suited(data, starts, progress)
+        """Choose the ratio of ribs by the process, if it has one, and the rest by the shape."""
+        chosen = super().auto_values(data, starts, progress)
         if "rib_ratio" in starts:
             rules = rules_of(self.rules, self.process)
-            chosen["rib_ratio"] = starts["rib_ratio"] if rules is None else rules.rib_ratio
+            ratio = starts["rib_ratio"] if rules is None else rules.rib_ratio
+            chosen |= {"rib_ratio": ratio} if math.isfinite(ratio) else {}
         return chosen
 
 
@@ -415,7 +410,6 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             outside = SurfaceSkeletonOptions.taken_from(options, side="outer")
             outer = surface_skeleton.of(shape, outside, progress)
     with progress.stage("walls", 0.7, 1.0):
-        walls = wall_thickness.of(cloud, WallThicknessOptions(), progress)
         check = check_walls(cloud, outer, limits, options.min_spoke_angle, progress)
     fine = cloud.surface
     note_resolution(cloud, progress)
@@ -423,11 +417,12 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     _note_limits(check, limits, options, shape, progress)
     _note_regions(check, limits, fine, shape, progress)
     _note_ribs(check, limits.rib_ratio, progress)
-    fields: dict[str, Any] = {"thickness": check.thickness, "wall_thickness": walls}
+    walls = check.walls
+    fields: dict[str, Any] = {"thickness": check.thickness, "checked_thickness": walls}
     fields |= _codes(check)
     low = check.minimum if check.minimum > 0 else float(walls.min())
     high = float(walls.max()) if math.isinf(check.maximum) else check.maximum
-    shown: dict[str, Any] = {"color_by": "wall_thickness", **COLORS, "labels": ("region",)}
+    shown: dict[str, Any] = {"color_by": "checked_thickness", **COLORS, "labels": ("region",)}
     limits_shown = low, max(high, low)
     layers = surface_layers("wall_check", shape, fine, fields, color_limits=limits_shown, **shown)
     marks = _regions_layer(check) + _ribs_layer(check, limits.rib_ratio)
@@ -444,7 +439,7 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             "largest_ball": check.largest_ball,
             "checked_share": _checked_share(check, fine),
             **summary(check.thickness, "thickness", fine.point_areas),
-            **summary(walls, "wall_thickness", fine.point_areas),
+            **summary(walls, "checked_thickness", fine.point_areas),
             "too_thin": len(check.of_kind("too thin")),
             "too_thick": len(check.of_kind("too thick")),
             "narrow_gaps": len(check.of_kind("gap")) if gaps else None,
@@ -504,8 +499,9 @@ def _limits(shape: Shape, options: WallCheckRun) -> WallLimits:
             f"The minimum of {with_unit(low, shape.unit)} is above the maximum of "
             f"{with_unit(high, shape.unit)}."
         )
+    ratio = rules.rib_ratio if "rib_ratio" in options.auto_starts() else options.rib_ratio
     lines = asked("line_width"), rules.line_tolerance, rules.most_lines
-    return WallLimits(low, high, asked("gap"), options.regions, options.rib_ratio, *lines)
+    return WallLimits(low, high, asked("gap"), options.regions, ratio, *lines)
 
 
 def _codes(check: WallCheck) -> dict[str, IntArray]:
@@ -697,7 +693,7 @@ WALL_CHECK = Operation(
         ("bracket.ply --unit in --process FDM -o print", "for a printer, its lines as well"),
     ),
     layers={
-        "wall_check": "the surface with thickness, wall thickness, check (0 within, 1 too thin, "
+        "wall_check": "the surface with thickness, checked thickness, check (0 within, 1 too thin, "
         "2 too thick, 3 edge, 4 overlap, 5 gap, 6 part lines) and region at each vertex",
         "wall_regions": "one point for each region, at its worst place",
         "ribs": "one point for each rib or boss, with its ratio to the wall",

@@ -140,6 +140,9 @@ class WallCheck(Described):
     ----------
     thickness : (n,) float64
         Diameter of the largest ball that touches or contains each sample.
+    walls : (n,) float64
+        Thickness of the wall at each sample, which is compared with the minimum; samples at edges,
+        rims and folds have that of the wall around them.
     checked : (n,) bool
         Samples of bodies that enclose something; the check speaks for no others.
     largest_ball : float
@@ -159,6 +162,7 @@ class WallCheck(Described):
     """
 
     thickness: FloatArray
+    walls: FloatArray
     checked: Mask
     largest_ball: float
     edge: Mask
@@ -252,6 +256,7 @@ def check_walls(
     edge[cloud.source[at_edge & (2.0 * cloud.radii < minimum)]] = True
     return WallCheck(
         thickness=balls.diameters,
+        walls=values,
         checked=checked,
         largest_ball=thick.largest,
         edge=edge,
@@ -501,7 +506,7 @@ class _Thick:
 
         centers = cloud.centers[chosen]
         radii = room_at(centers[:, None], cloud.radii[chosen] * GROWTH)[:, 0]
-        steps = np.full(len(chosen), surface.spacing)
+        steps = np.minimum(surface.spacing, 0.25 * radii)  # centers stay in the ball, and inside
         for _ in range(GROWTH_STEPS):
             tried = centers[:, None] + steps[:, None, None] * AROUND
             room = room_at(tried, radii + 2.0 * steps)

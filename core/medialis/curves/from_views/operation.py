@@ -1,18 +1,16 @@
 """Operation: curve skeleton from silhouettes and depths of many views (thesis 3.7).
 
-Its defaults take a tenth of the time of the 500 pairs of 1024 pixels that the thesis (3.7.6.2) and
-the plain function take. On hand, horse and fertility both find the same loops.
+The defaults take a tenth of the time of the 500 pairs of 1024 pixels of the thesis (3.7.6.2). On
+hand, horse and fertility both find the same loops.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from medialis.base.arrays import kd_tree
-from medialis.base.options import changed
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
@@ -31,21 +29,7 @@ SHEET_SHARE = 0.2  # halved 0 %, doubled 0 %
 """Share of such places from which on a curve is a poor description."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ViewCurveSkeletonRun(ViewCurveSkeletonOptions):
-    """Options of the operation `view_curve_skeleton`."""
-
-    pairs: int = changed(
-        ViewCurveSkeletonOptions,
-        "pairs",
-        default=100,
-        help="Number of directions that the shape is seen from, two views each. 500 with a view "
-        "size of 1024 is finer, and ten times slower.",
-    )
-    size: int = changed(ViewCurveSkeletonOptions, "size", default=512)
-
-
-def run(shape: Shape, options: ViewCurveSkeletonRun, progress: Progress) -> Outcome:
+def run(shape: Shape, options: ViewCurveSkeletonOptions, progress: Progress) -> Outcome:
     """Render, match, sharpen, link, and say where a curve is a poor description."""
     curve = view_curve_skeleton.of(shape, options, progress)
     points = curve.view_points or ViewPoints(np.empty((0, 3)), np.empty(0))
@@ -120,7 +104,7 @@ OPERATION = Operation(
         "view_curve_skeleton": "the graph as lines with radius and branch",
         "view_points": "the points that the views gave, from which the graph was made",
     },
-    options=ViewCurveSkeletonRun,
+    options=ViewCurveSkeletonOptions,
     formats=GRAPH_FORMATS,
     run=run,
     thin_lines=True,

@@ -31,7 +31,8 @@ class MidsurfaceRun(MidsurfaceOptions, Preparation):
         "refine",
         help="Split edges longer than this share of the size for the computation, so that flat "
         "faces get samples; flat faces stay the same. Faces that are narrower have no samples: "
-        "their wall is seen from the other side, or with a smaller share.",
+        "their wall is seen from the other side, or with a smaller share. auto: 2 %, or more where "
+        "that would make too many samples.",
     )
 
 
