@@ -104,7 +104,7 @@ def test_a_ring_on_a_rod_of_the_same_radius_is_no_thin_wall():
     shape = medialis.make_shape(*together([rod, ring]), unit="mm", repair=True)
     result = medialis.run("thickness", shape, threshold="2mm", refine=0.03)
     assert result.values["spots"] == []
-    assert result.values["thickness_min"] == pytest.approx(4.0, rel=0.01)
+    assert result.values["wall_thickness_min"] == pytest.approx(4.0, rel=0.01)
     assert "contacts" in [m.code for m in result.messages]
 
 

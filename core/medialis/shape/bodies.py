@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from medialis.base.arrays import Described, Index, Mask, kd_tree, sums_of
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.surface import Surface, piece_labels
-
-if TYPE_CHECKING:
-    from medialis.shape.shape import Shape
 
 CONTACT = 1e-5
 """Fraction of the diagonal: bodies less far apart touch. 1 um of a part of 100 mm: machines leave
@@ -452,21 +449,6 @@ def _meeting_pairs(surface: Surface, label: IntArray, count: int) -> Index:
         )
         pairs.append(np.stack([np.full(int(meets.sum()), one), one + 1 + np.flatnonzero(meets)], 1))
     return np.concatenate(pairs) if pairs else np.empty((0, 2), np.int64)
-
-
-def bodies_apart(shape: Shape) -> list[tuple[Shape, Index, Index]]:
-    """Divide a mesh into parts in which no bodies are near each other.
-
-    Returns
-    -------
-    list of (Shape, (k,) int64, (f,) int64)
-        Each part with its points and faces; the mesh itself where no bodies are near.
-    """
-    bodies = shape.body_contacts
-    turn = bodies.turns
-    if turn.max(initial=0) == 0:
-        return [(shape, np.arange(shape.point_count), np.arange(shape.face_count))]
-    return [shape.some_bodies(turn[bodies.label] == k) for k in range(int(turn.max()) + 1)]
 
 
 EQUALLY_NEAR, MOST_EQUAL = 1e-6, 12
