@@ -16,7 +16,7 @@ from . import placing, reading, writing
 from .properties import LENGTH_SUFFIX
 from .removing import attribute_of
 
-THICKNESS, SPOT, CHECK = "thickness", "thin_spot", "check"
+WALLS, SPOT, CHECK = "wall_thickness", "thin_spot", "check"
 """Attributes of the operations thickness and wall_check."""
 COLOR = "_color"
 """What the colours of an attribute end in."""
@@ -50,7 +50,7 @@ def carrier(context: bpy.types.Context) -> bpy.types.Object | None:
 def available(chosen: bpy.types.Object) -> list[str]:
     """Return what can be selected on a mesh object, of `WHICH`."""
     found = {
-        "THIN": bool(attribute_of(chosen, THICKNESS) or attribute_of(chosen, SPOT)),
+        "THIN": bool(attribute_of(chosen, WALLS) or attribute_of(chosen, SPOT)),
         "FAILED": bool(attribute_of(chosen, CHECK)),
         "PART": bool(labels_of(chosen)),
     }
@@ -183,7 +183,7 @@ class MEDIALIS_OT_select_faces(bpy.types.Operator):
         MedialisError
             When the result for it is missing.
         """
-        mesh, wanted = chosen.data, THICKNESS if self.threshold else SPOT
+        mesh, wanted = chosen.data, WALLS if self.threshold else SPOT
         known = mesh.attributes
         if self.which == "PART":
             name = labels_of(chosen)

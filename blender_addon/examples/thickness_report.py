@@ -84,7 +84,7 @@ def draw() -> None:
 
 def numbers(part: bpy.types.Object, spots: list[bpy.types.Object]) -> dict[str, object]:
     """Return thickness at the vertices, thin spots, and notes."""
-    values = [value.value for value in part.data.attributes["thickness"].data]
+    values = [value.value for value in part.data.attributes["wall_thickness"].data]
     least, middle, most = np.nanquantile(values, [0, 0.5, 1]).tolist()
     rows = []
     for made in spots:

@@ -40,7 +40,7 @@ def with_thickness(polydata: vtk.vtkPolyData, minimum: float) -> tuple[vtk.vtkPo
     points, faces = arrays_of(polydata)
     shape = medialis.make_shape(points, faces, repair=True, unit="mm")
     result = medialis.run("thickness", shape, threshold=f"{minimum}mm")
-    values = np.array(result.layers[0].attributes["thickness"])
+    values = np.array(result.layers[0].attributes["wall_thickness"])
     # Repair welds and drops points: -1 marks those that no triangle uses.
     known = shape.vertex_map >= 0
     on_given = np.full(len(points), np.nan)

@@ -24,7 +24,7 @@ def layers(labels: np.ndarray, scale: np.ndarray) -> Iterator[Layer]:
     for number, shape in medialis.label_surfaces(labels, spacing=scale).items():
         walls = medialis.run("thickness", shape)
         yield Surface(
-            (shape.points, shape.faces, walls.layers[0].attributes["thickness"]),
+            (shape.points, shape.faces, walls.layers[0].attributes["wall_thickness"]),
             colormap="viridis",
             opacity=0.5,
             name=f"thickness of {number}",

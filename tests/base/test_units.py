@@ -13,6 +13,7 @@ import medialis
 from medialis.base.options import METERS, Length, Size, as_length, nearest_unit, unit_name
 from medialis.cli.commands import main
 from medialis.formats.ply_attributes import write_ply
+from medialis.operations.result import quantity
 from medialis.show.reports.page import number
 from medialis.show.reports.report import report_texts
 
@@ -201,7 +202,7 @@ def test_the_report_tells_lengths_and_areas_in_the_unit(creature):
     assert " mm" not in bare and "in the units of the file" in bare
 
 
-@pytest.mark.parametrize(("ending", "told"), [("glb", "unit: m"), ("ply", "not said by the file")])
+@pytest.mark.parametrize(("ending", "told"), [("glb", "unit: m"), ("ply", "unit: unknown")])
 def test_info_tells_the_unit(ending, told, creature, tmp_path, capsys):
     if ending == "glb":
         trimesh = pytest.importorskip("trimesh", reason="reads glTF")
@@ -209,4 +210,39 @@ def test_info_tells_the_unit(ending, told, creature, tmp_path, capsys):
     else:
         write_ply(tmp_path / "a.ply", creature.points, faces=creature.faces)
     assert main(["info", str(tmp_path / f"a.{ending}")]) == 0
-    assert told in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert told in said
+    if ending == "glb":  # each length, area and volume has its unit
+        for words in ("size 1 x 1 x 1 m\n", "area 6 m²", "volume 1 m³", "diagonal 1.73205 m,"):
+            assert words in said
+    else:
+        assert " m" not in said.partition("diagonal")[2].partition("unit")[0]
+
+
+def numbers_of(values, names=()):
+    """Numbers of a result by the names that lead to them; tables are lists of dictionaries."""
+    for name, value in values.items():
+        if isinstance(value, float) and value:
+            yield (*names, name), value
+        elif isinstance(value, dict):
+            yield from numbers_of(value, (*names, name))
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            yield from numbers_of(value[0], (*names, name))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "operation",
+    ["tree_cylinders", "convex_pieces", "thickness", "curve_skeleton", "surface_skeleton"],
+)
+def test_values_are_lengths_areas_and_volumes_where_they_scale_so(operation, creature):
+    """Volumes of trees and pieces were printed without a unit (fixed)."""
+    powers = {"length": 1, "area": 2, "volume": 3}
+    large = medialis.make_shape(4.0 * creature.points, creature.faces)
+    small, large = (dict(numbers_of(medialis.run(operation, one).values))
+                    for one in (replace(creature, unit=None), large))  # fmt: skip
+    assert len(small) > 3 and small.keys() == large.keys()
+    for names, value in small.items():
+        if names[-1] != "persistence":  # a length of thin spots, but not of parts and ends
+            power = powers.get(quantity(names[-1]), 0)
+            assert large[names] == pytest.approx(4.0**power * value, rel=0.02), names

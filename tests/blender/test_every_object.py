@@ -87,7 +87,7 @@ def test_every_operation(make, scene):
         assert not chosen.hide_render
     refused = {name: text for name, text in names.items() if text}
     assert "no midsurface" in refused.pop("midsurface", "no midsurface")  # where there are no walls
-    few = ["centerline", "tree_cylinders", "remove_outliers"]  # no limbs, eight points
+    few = ["centerline", "tree_cylinders"]  # no limbs
     assert list(refused) == (few if make is cube else []), refused
 
 

@@ -96,7 +96,7 @@ def test_thin_faces_become_the_selection(mode, creature):
     """Below the threshold of the panel, below another, or those of the thin spots."""
     bpy.context.scene.medialis.of_thickness.threshold = 4.0
     bpy.ops.medialis.thickness(threshold=4.0)
-    thickness, spot = (read_back(creature.data, name) for name in ("thickness", "thin_spot"))
+    thickness, spot = (read_back(creature.data, name) for name in ("wall_thickness", "thin_spot"))
     limit = 0.04 * np.linalg.norm(np.ptp(read_back(creature.data, "position"), axis=0))
     bpy.ops.object.mode_set(mode=mode)
     for given, vertices in (({}, thickness < limit), ({"threshold": 0.3}, thickness < 0.3),

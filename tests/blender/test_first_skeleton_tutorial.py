@@ -113,7 +113,7 @@ def test_thickness_in_colours(creature):
     shading = _show_colours(creature)
     assert (shading.type, shading.color_type) == ("SOLID", "VERTEX")
     assert creature.display_type == "TEXTURED"
-    thickness = read_back(creature.data, "thickness")
+    thickness = read_back(creature.data, "wall_thickness")
     colors = read_back(creature.data, creature.data.color_attributes.active_color.name)
     thin, thick = colors[np.nanargmin(thickness)], colors[np.nanargmax(thickness)]
     assert thick[:2].min() > 5 * thin[:2].max() > 5 * thick[2]  # dark, and yellow

@@ -44,7 +44,7 @@ def test_a_plate_of_half_a_millimetre_is_too_thin_to_print(units, scale, scene):
         assert len(lengths) == 1 and lengths[0].startswith("! minimum: ")
         check = read_back(chosen.data, "check")
         assert (check == 1).any() != printable
-        assert read_back(chosen.data, "thickness").min() == pytest.approx(
+        assert read_back(chosen.data, "checked_thickness").min() == pytest.approx(
             thick * MM / settings.scale_length, rel=1e-3
         )
 

@@ -36,6 +36,16 @@ def test_the_shape_alone(file, tmp_path):
     assert '"kind": "surface"' in (tmp_path / "page.html").read_text("utf-8")
 
 
+@pytest.mark.parametrize(
+    ("output", "name"),
+    [("page", "page.html"), ("v1.2", "v1.2.html"), ("a.HTM", "a.HTM"), ("b.html", "b.html")],
+)
+def test_the_page_ends_in_html(file, tmp_path, output, name):
+    """`-o name` wrote a page without .html, which browsers show as text (fixed)."""
+    assert main(["view", file, "--show", "", "-o", output]) == 0
+    assert [path.name for path in tmp_path.iterdir() if path.name != file] == [name]
+
+
 @pytest.mark.slow
 def test_folders_layers_and_graphs(file, tmp_path):
     for name in ("thickness", "curve-skeleton"):

@@ -151,7 +151,8 @@ def test_a_parser_in_python_opens_nothing_outside_of_the_folder(tmp_path):
 @pytest.mark.parametrize(("parts", "items"), [(1, 1), (4, 7), (8, 8), (40, 3)])
 def test_an_assembly_loses_no_body(parts, items):
     """Of 8 x 8 bodies 42 were read, without a word (fixed)."""
-    points, faces, unit = parse_three_mf(assembly(parts, items))
+    points, faces, unit, bodies = parse_three_mf(assembly(parts, items))
+    assert len(np.unique(bodies)) == parts * items
     one = grid_box(1)
     assert len(points) == parts * items * len(one[0]) and unit == "mm"
     assert len(faces) == parts * items * len(one[1])
@@ -163,7 +164,7 @@ def test_placed_parts_are_turned_scaled_and_mirrored_in_turn():
     turned = '<component objectid="1" transform="0 2 0 -1 0 0 0 0 1 10 0 0"/>'
     middle = f'<object id="2"><components>{turned}</components></object>'
     item = '<item objectid="2" transform="1 0 0 0 1 0 0 0 -1 0 5 0"/>'
-    points, faces, unit = parse_three_mf(three_mf(cube() + middle, item, unit="inch"))
+    points, faces, unit, _ = parse_three_mf(three_mf(cube() + middle, item, unit="inch"))
     assert points.min(axis=0).tolist() == [9, 5, -1] and points.max(axis=0).tolist() == [10, 7, 0]
     assert volume(points, faces) == pytest.approx(2.0) and unit == "in"  # outward still
 
@@ -218,3 +219,20 @@ def test_good_files_are_read_in_a_process_of_their_own(tmp_path, ending):
         mesh = read_mesh(path)
         bodies = len(mesh.faces) / len(faces) if number == 0 else 12
         assert volume(mesh.points, mesh.faces) == pytest.approx(bodies, rel=1e-6)
+
+
+@pytest.mark.parametrize("ending", ["glb", "3mf"])
+def test_bodies_of_a_scene_that_touch_stay_apart(tmp_path, ending):
+    trimesh = pytest.importorskip("trimesh")
+    scene = trimesh.Scene()
+    for k in range(3):
+        box = trimesh.creation.box()
+        box.apply_translation([k, 0, 0])
+        scene.add_geometry(box, node_name=f"node{k}", geom_name=f"box{k}")
+    path = tmp_path / f"a.{ending}"
+    path.write_bytes(scene.export(file_type=ending))
+    mesh = read_mesh(path)
+    assert np.unique(mesh.bodies, return_counts=True)[1].tolist() == [12, 12, 12]
+    shape = medialis.read_shape(path)
+    assert shape.part_count == shape.body_contacts.count == 3 and shape.topology.is_solid
+    assert [contact.bodies for contact in shape.body_contacts.contacts] == [(0, 1), (1, 2)]

@@ -9,6 +9,7 @@ import pytest
 
 import medialis
 from medialis.base.progress import Progress
+from medialis.formats import step
 from medialis.formats.meshes import read_mesh
 from medialis.formats.step import _unit_of
 from medialis.shape.reading import _made, _Told
@@ -160,3 +161,19 @@ def test_cad_files_are_known_by_their_beginning(monkeypatch):
     monkeypatch.setattr(parsed, lambda kind, data, name: pytest.fail(f"parsed as {kind}"))
     with pytest.raises(pytest.fail.Exception, match="parsed as step"):
         read_mesh(PLATE)
+
+
+def test_solids_that_touch_share_no_points(monkeypatch):
+    """18 solids of an assembly were welded into 6 components."""
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    flat, patch = np.zeros(4, bool), np.arange(4)
+    below = corners * [1, 1, -1]
+    pieces = [
+        step._Piece(points, np.zeros((4, 3)), triangles, patch, flat)
+        for points, triangles in ((corners, faces), (below, faces[:, ::-1]))
+    ]
+    monkeypatch.setattr(step, "_pieces", lambda data: iter(pieces))
+    points, triangles, _, _, _, _, bodies = step.parse_step(b"")
+    assert len(points) == 8 and bodies.tolist() == [0] * 4 + [1] * 4
+    assert not set(triangles[:4].ravel()) & set(triangles[4:].ravel())

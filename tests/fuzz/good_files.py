@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 import struct
 import tempfile
 import zipfile
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +18,11 @@ from numpy.typing import NDArray
 from fuzz.nasty_shapes import grid_box, tube
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.operation import write_curve_skeleton
+from medialis.formats.files import Drawn
 from medialis.formats.ply_attributes import write_ply
+from medialis.formats.vtk import write_vtp
+
+DATA = Path(__file__).parents[1] / "formats/data"
 
 
 @dataclass(frozen=True)
@@ -42,8 +48,13 @@ def good_files() -> list[GoodFile]:
         (".gltf", _gltf(points, faces)),
         (".3mf", _three_mf(points, faces)),
         (".3mf", assembly(3, 4)),
-        (".step", (Path(__file__).parents[1] / "formats/data/plate_with_hole.step").read_bytes()),
+        (".step", (DATA / "plate_with_hole.step").read_bytes()),
         (".dae", _collada(points, faces)),
+        *((".pcd", data) for data in pcd_files(points)),
+        *((".vtp", data) for data in vtp_files(points, faces)),
+        (".las", las_file(points)),
+        (".laz", (DATA / "box.laz").read_bytes()),
+        (".e57", (DATA / "box.e57").read_bytes()),
     ]
     return [
         *(GoodFile("mesh", ending, data) for ending, data in meshes),
@@ -150,6 +161,146 @@ def _point_files(points: NDArray[np.float64]) -> list[tuple[str, bytes]]:
     )
     texts = {".xyz": xyz, ".xyzn": xyzn, ".csv": csv, ".pts": pts, ".txt": f"# points\n{xyz}"}
     return [*((ending, text.encode()) for ending, text in texts.items()), (".csv", german.encode())]
+
+
+def pcd_files(points: NDArray[np.float64], viewpoint: str = "0 0 0") -> list[bytes]:
+    """Return PCD files of all three encodings, with normals, a padding field and a label."""
+    rows = np.zeros(
+        len(points), [("xyz", "<f4", 3), ("pad", "u1", 4), ("n", "<f4", 3), ("i", "<u2")]
+    )
+    rows["xyz"], rows["i"] = points, np.arange(len(points))
+    normals = points - points.mean(axis=0)
+    rows["n"] = normals / np.linalg.norm(normals, axis=1)[:, None]
+    header = (
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n"
+        "FIELDS x y z _ normal_x normal_y normal_z label\nSIZE 4 4 4 1 4 4 4 2\n"
+        f"TYPE F F F U F F F U\nCOUNT 1 1 1 4 1 1 1 1\nWIDTH {len(points)}\nHEIGHT 1\n"
+        f"VIEWPOINT {viewpoint} 1 0 0 0\nPOINTS {len(points)}\nDATA "
+    )
+    text = "".join(
+        " ".join(f"{v:.9g}" for v in (*row["xyz"], 0, 0, 0, 0, *row["n"], row["i"])) + "\n"
+        for row in rows
+    )
+    columns = [rows["xyz"][:, k] for k in range(3)] + [rows["pad"]]
+    columns += [rows["n"][:, k] for k in range(3)] + [rows["i"]]
+    block = b"".join(np.ascontiguousarray(column).tobytes() for column in columns)
+    packed = packed_lzf(block)
+    bodies = {
+        "ascii": text.encode(),
+        "binary": rows.tobytes(),
+        "binary_compressed": struct.pack("<II", len(packed), len(block)) + packed,
+    }
+    return [f"{header}{name}\n".encode() + body for name, body in bodies.items()]
+
+
+def packed_lzf(data: bytes) -> bytes:
+    """Return data compressed by LZF, as PCD files have it."""
+    result, waiting, seen, at = bytearray(), bytearray(), dict[bytes, int](), 0
+
+    def copy() -> None:
+        for start in range(0, len(waiting), 32):
+            piece = waiting[start : start + 32]
+            result.append(len(piece) - 1)
+            result.extend(piece)
+        waiting.clear()
+
+    while at < len(data):
+        key = data[at : at + 3]
+        before = seen.get(key, at)
+        seen[key] = at
+        length = 0
+        while before < at <= before + 8192 and at + length < len(data) and length < 264:
+            if data[before + length] != data[at + length]:
+                break
+            length += 1
+        if length < 3:
+            waiting.append(data[at])
+            at += 1
+            continue
+        copy()
+        away = at - before - 1
+        if length < 9:
+            result.append((length - 2) << 5 | away >> 8)
+        else:
+            result += bytes([7 << 5 | away >> 8, length - 9])
+        result.append(away & 255)
+        at += length
+    copy()
+    return bytes(result)
+
+
+def vtp_files(points: NDArray[np.float64], faces: NDArray[np.int32]) -> list[bytes]:
+    """Return VTK PolyData as text, base64, compressed base64 and raw; the last one of our own."""
+    arrays = {
+        "points": ("Float64", points.astype("<f8"), 'NumberOfComponents="3"'),
+        "connectivity": ("Int64", faces.astype("<i8"), ""),
+        "offsets": ("Int32", 3 * np.arange(1, len(faces) + 1, dtype="<i4"), ""),
+    }
+
+    def text(values: NDArray[np.generic]) -> str:
+        return " ".join(map(str, values.ravel().tolist()))
+
+    def inline(values: NDArray[np.generic]) -> str:
+        data = values.tobytes()
+        return base64.b64encode(struct.pack("<I", len(data)) + data).decode()
+
+    def compressed(values: NDArray[np.generic]) -> str:
+        data, size = values.tobytes(), 400
+        blocks = [zlib.compress(data[k : k + size]) for k in range(0, len(data), size)]
+        head = [len(blocks), size, len(data) % size, *map(len, blocks)]
+        parts = struct.pack(f"<{len(head)}I", *head), b"".join(blocks)
+        return "".join(base64.b64encode(part).decode() for part in parts)
+
+    result = []
+    for encoding, how, more in (
+        (text, "ascii", ""),
+        (inline, "binary", ""),
+        (compressed, "binary", ' compressor="vtkZLibDataCompressor"'),
+    ):
+        made = {
+            name: f'<DataArray type="{kind}" Name="{name}" format="{how}" {width}>'
+            f"{encoding(values)}</DataArray>"
+            for name, (kind, values, width) in arrays.items()
+        }
+        content = (
+            f'<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1" '
+            f'byte_order="LittleEndian"{more}>\n<PolyData>\n<Piece NumberOfPoints="{len(points)}" '
+            f'NumberOfPolys="{len(faces)}">\n<Points>{made["points"]}</Points>\n<Polys>\n'
+            f"{made['connectivity']}\n{made['offsets']}\n</Polys>\n</Piece>\n</PolyData>\n"
+            "</VTKFile>\n"
+        )
+        result.append(content.encode())
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.vtp"
+        write_vtp(path, Drawn(points, faces))
+        result.append(path.read_bytes())
+    return result
+
+
+def las_file(
+    points: NDArray[np.float64],
+    *,
+    scale: float = 0.001,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    records: tuple[tuple[int, bytes], ...] = (),
+    withheld: int = 0,
+) -> bytes:
+    """Return a LAS 1.2 file; `records` are numbers and contents of its projection."""
+    projection = b"".join(
+        struct.pack("<H16sHH32s", 0, b"LASF_Projection", number, len(data), b"") + data
+        for number, data in records
+    )
+    low, high = points.min(axis=0), points.max(axis=0)
+    limits = [value for pair in zip(high, low, strict=True) for value in pair]
+    header = struct.pack(
+        "<4sHH16sBB32s32sHHHIIBHI5I3d3d6d",
+        *(b"LASF", 0, 0, b"", 1, 2, b"", b"", 1, 2026, 227, 227 + len(projection), len(records)),
+        *(0, 20, len(points), len(points), 0, 0, 0, 0, *([scale] * 3), *offset, *limits),
+    )
+    rows = np.zeros(len(points), [("xyz", "<i4", 3), ("rest", "u1", 8)])
+    rows["xyz"] = np.round((points - offset) / scale)
+    rows["rest"][:withheld, 3] = 128  # in the byte of the class
+    return header + projection + rows.tobytes()
 
 
 def _npz_files() -> list[bytes]:

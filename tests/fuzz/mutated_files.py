@@ -245,7 +245,9 @@ READERS: dict[str, Callable[[Path, Case], None]] = {
 def _goods() -> tuple[GoodFile, ...]:
     """All good files; pairs, seeds and manifests as often as all meshes together."""
     files = good_files()
-    for library, endings in (("trimesh", (".glb", ".gltf", ".dae")), ("cascadio", (".step",))):
+    through = {"trimesh": (".glb", ".gltf", ".dae"), "cascadio": (".step",)}
+    through |= {"laspy": (".las", ".laz"), "lazrs": (".laz",), "pye57": (".e57",)}
+    for library, endings in through.items():
         if importlib.util.find_spec(library) is None:
             files = [file for file in files if file.ending not in endings]
     single = [file for file in files if file.reader in ("pairs", "seeds", "manifest", "curve")]

@@ -103,7 +103,7 @@ def test_a_selection_has_defaults_of_its_own_and_is_all_that_is_written(tmp_path
         chosen = read_ply_attributes(tmp_path / "out" / about["file"]).attributes["selected"]
         read = medialis.read_shape(tmp_path / "in.ply")
         thickness = medialis.run("thickness", read, threshold=share).layers[0]
-        expected = thickness.attributes["thickness"] < share * shape.diagonal
+        expected = thickness.attributes["wall_thickness"] < share * shape.diagonal
         np.testing.assert_array_equal(chosen == 1, expected)
         assert manifest["values"] == {"selected": expected.sum()} and expected.any()
 

@@ -75,7 +75,7 @@ def test_thin_vertices_are_selected_by_their_thickness(creature):
     entry = named("compute_selection_by_medial_thickness_per_vertex")
     result = medialis.run("thickness", creature, threshold=0.05)
     (layer,) = host_layers(result, creature, entry)
-    thickness = result.layers[0].attributes["thickness"]
+    thickness = result.layers[0].attributes["wall_thickness"]
     expected = thickness < 0.05 * creature.diagonal
     assert layer.role == "selection" and 0 < expected.sum() < creature.point_count
     np.testing.assert_array_equal(layer.attributes[SELECTED] == 1, expected)

@@ -105,8 +105,9 @@ def test_thickness_becomes_attribute_quality_and_colour(mesh_set, creature):
     result = mesh_set.compute_scalar_by_medial_thickness_per_vertex()
     expected = medialis.run("thickness", creature)
     layer, mesh = expected.layers[0], mesh_set.mesh(0)
-    thickness = layer.attributes["thickness"]
-    assert result["attributes"] == {"thickness": "thickness", "thin_spot": "thin_spot"}
+    thickness = layer.attributes["wall_thickness"]
+    names = "thickness", "wall_thickness", "thin_spot"
+    assert result["attributes"] == {name: name for name in names}
     assert (mesh.vertex_scalar_array() == thickness).all()
     colors = medialis_colors(thickness, layer)
     # The straight pieces of the expression are within one step of the map, rounding adds half.

@@ -39,9 +39,9 @@ arrays = {"points": skeleton.vertex_matrix(), "scalar": skeleton.vertex_scalar_a
           "normal": ms.mesh(2).vertex_custom_point_attribute_matrix("normal")}
 found["visible"] = ms.is_mesh_visible(0)
 found["thickness"] = ms.apply_filter("compute_scalar_by_medial_thickness_per_vertex")
-arrays["thickness_diameter"] = ms.mesh(0).vertex_custom_scalar_attribute_array("thickness")
+arrays["thickness_diameter"] = ms.mesh(0).vertex_custom_scalar_attribute_array("wall_thickness")
 again = ms.apply_filter("compute_scalar_by_medial_thickness_per_vertex", kind="radius")
-arrays["thickness"] = ms.mesh(0).vertex_custom_scalar_attribute_array("thickness")
+arrays["thickness"] = ms.mesh(0).vertex_custom_scalar_attribute_array("wall_thickness")
 arrays["thickness_scalar"] = ms.mesh(0).vertex_scalar_array()
 ms.set_matrix(transformmatrix=np.array([[0., -2, 0, 5], [2, 0, 0, 0], [0, 0, 2, 0], [0, 0, 0, 1]]),
               freeze=False)
@@ -134,8 +134,8 @@ def test_layers_hold_bitwise_the_arrays_of_the_core(run):
 def test_fields_lie_on_the_given_layer_and_a_second_run_replaces_them(run):
     shape, _, arrays = run
     layer = medialis.run("thickness", shape, kind="radius").layers[0]
-    np.testing.assert_array_equal(arrays["thickness"], layer.attributes["thickness"])
-    np.testing.assert_array_equal(arrays["thickness_scalar"], layer.attributes["thickness"])
+    np.testing.assert_array_equal(arrays["thickness"], layer.attributes["wall_thickness"])
+    np.testing.assert_array_equal(arrays["thickness_scalar"], layer.attributes["wall_thickness"])
 
 
 def test_the_transform_of_a_layer_is_respected(run):

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import medialis
+from assemblies import KINDS, together
 from medialis.base.progress import Progress
 from medialis.shape.surface import Surface
-from medialis.shape.welding import coordinate_step, weld, weld_distance
+from medialis.shape.welding import coordinate_step, weld
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)])
 QUADS = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4],
@@ -248,3 +249,83 @@ def test_walls_just_above_the_distance_keep_both_sides(kind, tmp_path):
         assert shape.part_count == 1 and shape.topology.is_solid
         assert shape.point_count == len(points) and shape.face_count == len(faces)
         assert np.ptp(shape.points[:, 2]) == pytest.approx(thickness, rel=0.6)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-17, 1e-10])
+@pytest.mark.parametrize("kind", KINDS)
+def test_bodies_that_touch_are_kept_apart_in_soups(kind, noise, tmp_path):
+    """36 members: with noise, cracks have to be closed first."""
+    for seed in range(3):
+        rng = np.random.default_rng(600 + seed)
+        count = int(rng.integers(2, 6)) if kind in ("stack", "sleeves") else 2
+        parts = KINDS[kind](rng, 0.0, count, seed != 1)
+        points, faces = together(parts)
+        soup = cut(points, faces)
+        soup = soup + rng.uniform(-noise, noise, soup.shape)
+        shape = medialis.make_shape(soup, np.arange(len(soup)).reshape(-1, 3), repair=True)
+        assert shape.part_count == len(parts) and shape.topology.is_solid
+        assert shape.point_count == len(points) and shape.body_contacts.count == len(parts)
+        if noise == 0.0:
+            shape, data = read(tmp_path / f"{seed}.stl", stl_binary(soup))
+            assert shape.part_count == len(parts) and shape.topology.is_solid
+            kept = data.get("bodies_kept_apart", {"bodies": 0})["bodies"]
+            assert kept == len(parts) or seed == 1  # other facets share no edges
+
+
+def boxes(*corners):
+    points = np.concatenate([CUBE + corner for corner in np.array(corners, float)])
+    return points, np.concatenate([FACES + 8 * k for k in range(len(corners))])
+
+
+def test_bodies_whose_vertices_were_merged_are_parted_where_their_faces_lie_on_each_other():
+    """As trimesh's merge_vertices leaves stacked boxes; cubes that share an edge stay one."""
+    points, faces = boxes([0, 0, 0], [1, 0, 0], [2, 0, 0])
+    equal = Surface(points).first_equal_point
+    kept = np.unique(equal)
+    shape = medialis.make_shape(points[kept], np.searchsorted(kept, equal[faces]), repair=True)
+    assert len(kept) == 16 and shape.part_count == 3 and shape.topology.is_solid
+    points, faces = boxes([0, 0, 0], [1, 1, 0])
+    equal = Surface(points).first_equal_point
+    kept = np.unique(equal)
+    shape = medialis.make_shape(points[kept], np.searchsorted(kept, equal[faces]), repair=True)
+    assert shape.part_count == 1 and shape.point_count == 14
+
+
+def test_a_closed_body_that_a_file_holds_twice_is_one():
+    points, faces = boxes([0, 0, 0], [3, 0, 0], [0, 0, 0])
+    progress = Progress()
+    shape = medialis.make_shape(points, faces, repair=True, progress=progress)
+    assert shape.part_count == 2 and shape.point_count == 16
+    data = {m.code: m.data for m in progress.messages}
+    assert data["duplicates_dropped"]["faces"] == 12
+
+
+def test_bodies_of_a_file_are_welded_within_themselves():
+    """Two boxes with corners of their own for each face, as scenes have them; one of them open."""
+    points, faces = boxes([0, 0, 0], [1, 0, 0])
+    soup, triangles = cut(points, faces), np.arange(72, dtype=np.int32).reshape(-1, 3)
+    welded = weld(Surface(soup, triangles), np.repeat([0, 1], 12).astype(np.int32))
+    surface = Surface(soup[welded.first], welded.faces)
+    assert surface.part_count == 2 and surface.topology.is_solid and welded.parted == 0
+    # Halves of one box in two nodes: what is left open is welded across them.
+    halves = weld(Surface(soup[:36], triangles[:12]), np.repeat([0, 1], 6).astype(np.int32))
+    assert Surface(soup[halves.first], halves.faces).topology.is_solid
+
+
+@pytest.mark.parametrize(
+    ("given", "step"),
+    [
+        ([[0.125, 12.345, 99.875], [1.5, 20.25, 31.999], [41.1, 52.2, 63.3]], 1e-3),
+        ([[1.2345e3, 2.3456e3, 0.12345], [3.4567e3, 4.5678e3, 12.345], [5.6789e3, 1.0, 2.0]], 0.1),
+        ([[0, 1, 2], [3, 4, 5]], np.spacing(5.0)),
+        ([[0, 0, 0], [0, 0, 0]], 0.0),
+    ],
+)
+def test_the_step_of_coordinates(given, step):
+    assert coordinate_step(np.array(given, float)) == pytest.approx(step, rel=1e-9)
+
+
+def test_the_step_of_single_precision():
+    values = np.random.default_rng(0).uniform(0, 1, (50, 3)).astype(np.float32)
+    step = coordinate_step(values.astype(np.float64) * 2.0)
+    assert step == np.spacing(np.float32(2.0 * values.max()))

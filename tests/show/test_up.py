@@ -11,6 +11,7 @@ from medialis.batches.jobs import plan
 from medialis.cli.commands import main
 from medialis.formats.meshes import UP, _collada_up
 from medialis.formats.ply_attributes import write_ply
+from medialis.shape.upright import up_of_cloud
 from medialis.show.camera import Camera, default_view, shape_view
 
 SIZES = {"standing": (1.0, 2.0, 4.0), "lying": (4.0, 2.0, 0.1), "cube": (1.0, 1.0, 1.0)}
@@ -48,6 +49,29 @@ def test_formats_say_it(tmp_path):
     assert medialis.read_shape(tmp_path / "a.stl", up="x").up == "x"
     with pytest.raises(medialis.InvalidOptionError, match="up must be one of x, y, z"):
         medialis.read_shape(tmp_path / "a.ply", up="up")
+
+
+@pytest.mark.parametrize("count", [300, 3000])
+def test_clouds_stand_on_z_unless_they_clearly_stand_on_y(tmp_path, count):
+    """Scans of trees lay on their side in pictures (fixed): a tree stands on no feet."""
+    rng = np.random.default_rng(count)
+    height = 10 * rng.random(count) ** 0.5
+    turn, away = 2 * np.pi * rng.random(count), 0.2 + 0.6 * np.maximum(height - 3, 0)
+    tree = np.column_stack([away * np.cos(turn), away * np.sin(turn), height])
+    standing = np.column_stack([4 * rng.random((count, 2)), np.zeros(count)])  # on a wide base
+    bust = np.concatenate([standing, rng.random((count, 3)) + np.array([2, 2, 0])])
+    for points, axis in ((tree, "z"), (bust, "z"), (bust[:, [0, 2, 1]], "y")):
+        path = tmp_path / "a.xyz"
+        np.savetxt(path, points)
+        shape = medialis.read_shape(path)
+        assert shape.up == axis
+        bare = medialis.Shape(points, np.zeros_like(points))
+        assert shape_view(bare)[1].tolist() == np.eye(3)["xyz".index(axis)].tolist()
+
+
+def test_up_of_few_and_of_huge_points():
+    for points in (np.zeros((3, 3)), np.array([[np.nan, 0, 0], [1, 2, 3]]), 1e308 * np.eye(3)):
+        assert up_of_cloud(points) in "yz"
 
 
 def test_the_command_line_has_it_and_results_keep_it(tmp_path, capsys):

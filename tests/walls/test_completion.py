@@ -16,10 +16,11 @@ from medialis.walls._completion_kernels import LARGEST_WEIGHT, LEAST_WEIGHT
 from medialis.walls.completion import complete, complete_again
 from medialis.walls.thickness import (
     WALL_ANGLE,
-    ThicknessOptions,
+    WallThicknessOptions,
     field_on_surface,
     thickness,
     thickness_field,
+    wall_thickness,
 )
 
 
@@ -51,10 +52,11 @@ def test_completion_is_the_harmonic_field_between_reliable_samples(creature, mon
     laplacian = (coo_array((links.sum(axis=1), (range(n), range(n)))).tocsr() - links)[free]
     known = np.log(fixed[~free])
     wanted = np.exp(np.linalg.solve(laplacian[:, free].toarray(), -laplacian[:, ~free] @ known))
-    few = thickness(cloud, min_spoke_angle=WALL_ANGLE)
+    wanted = np.maximum(wanted, thickness(cloud)[free])  # no wall is thinner than a ball in it
+    few = wall_thickness(cloud, min_spoke_angle=WALL_ANGLE)
     to_the_end(monkeypatch)
     monkeypatch.setattr(module, "FEW_ROWS", few_rows)
-    values = thickness(cloud, min_spoke_angle=WALL_ANGLE - 1e-9)  # nothing kept
+    values = wall_thickness(cloud, min_spoke_angle=WALL_ANGLE - 1e-9)  # nothing kept
     assert (values[~free] == fixed[~free]).all()
     assert np.allclose(values[free], wanted, rtol=1e-9)
     assert np.median(np.abs(few[free] / wanted - 1)) < 0.01
@@ -86,7 +88,7 @@ def test_a_strip_has_the_same_field_however_it_is_cut(count):
 def test_seeds_are_nearest_along_the_surface(creature):
     """Against scipy's search."""
     shape, cloud = creature
-    field = thickness_field(cloud, ThicknessOptions())
+    field = thickness_field(cloud, WallThicknessOptions())
     seeds = np.flatnonzero(~np.isnan(field.known))
     length = np.linalg.norm(np.diff(shape.points[shape.edges], axis=1)[:, 0], axis=1)
     n = shape.point_count
@@ -126,7 +128,7 @@ def test_completed_again_is_as_completed_at_once(creature, monkeypatch):
 def test_what_is_far_from_a_change_keeps_its_value(creature):
     """One sample less: what changes lies within two thicknesses of those that took its value."""
     shape, cloud = creature
-    field = thickness_field(cloud, ThicknessOptions())
+    field = thickness_field(cloud, WallThicknessOptions())
     least = int(np.nanargmin(field.known))
     known = field.known.copy()
     known[least] = np.nan

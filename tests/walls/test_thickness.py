@@ -1,4 +1,7 @@
-"""Thickness against closed forms, invariances, real shapes."""
+"""Wall thickness against closed forms, invariances, real shapes.
+
+For thickness see `test_largest_balls.py`.
+"""
 
 import math
 
@@ -12,11 +15,11 @@ from medialis.shape.generate import organic_shape
 from medialis.shape.reading import read_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, shrink_balls
-from medialis.walls.thickness import WALL_ANGLE, thickness
+from medialis.walls.thickness import WALL_ANGLE, wall_thickness
 
 
 def measured(shape, **options):
-    return thickness(shrink_balls(shape), **options)
+    return wall_thickness(shrink_balls(shape), **options)
 
 
 def slack(shape, wall, lateral):
@@ -86,13 +89,13 @@ def test_sphere_and_capsule_are_as_thick_as_their_diameter():
 def test_an_ellipsoid_has_the_closed_form_where_it_is_a_wall():
     form = forms.ellipsoid(4000, (1.0, 0.8, 0.3))
     cloud = shrink_balls(form.shape)
-    values, bound = thickness(cloud), 2 * form.excess(DEFAULT_TOLERANCE)
+    values, bound = wall_thickness(cloud), 2 * form.excess(DEFAULT_TOLERANCE)
     wall = cloud.wall_angles >= math.radians(WALL_ANGLE)
     assert 0.3 < wall.mean() < 0.9
     error = values - 2 * form.radii
     assert (error[wall] >= -1e-9).all() and (error[wall] <= bound[wall]).all()
     assert values.min() >= values[wall].min() and values.max() <= values[wall].max()
-    assert (thickness(cloud, kind="radius") == values / 2).all()
+    assert (wall_thickness(cloud, kind="radius") == values / 2).all()
 
 
 def test_a_hollow_sphere_is_as_thick_as_its_wall():
@@ -111,7 +114,7 @@ def test_a_hollow_sphere_is_as_thick_as_its_wall():
 
 def test_zero_angle_gives_the_ball_of_every_sample(creature):
     shape, cloud = creature
-    values = thickness(cloud, min_spoke_angle=0.0)
+    values = wall_thickness(cloud, min_spoke_angle=0.0)
     own = np.full(shape.point_count, np.nan)
     own[cloud.source] = 2 * cloud.radii
     assert (values[cloud.source[cloud.valid]] == own[cloud.source[cloud.valid]]).all()
@@ -136,7 +139,7 @@ def test_motion_scale_order_and_threads(creature):
     """Scaling by a power of two and threads change no digit. Turning rounds coordinates by eps:
     the radius (num/den with den down to r^2 1e-4) keeps 1e-9; another order changes sums only."""
     shape, cloud = creature
-    values = thickness(cloud)
+    values = wall_thickness(cloud)
     assert (measured(Shape(4 * shape.points, shape.normals, shape.faces)) == 4 * values).all()
     with thread_limit(1):
         assert measured(shape).tobytes() == values.tobytes()
@@ -144,8 +147,8 @@ def test_motion_scale_order_and_threads(creature):
     turn *= np.sign(np.linalg.det(turn))
     cloud = shrink_balls(shape, tolerance=0)  # the tolerance scales with the (turned) box
     turned = Shape(shape.points @ turn.T, shape.normals @ turn.T, shape.faces)
-    other = thickness(shrink_balls(turned, tolerance=0))
-    assert np.quantile(np.abs(other / thickness(cloud) - 1), 0.99) < 1e-6
+    other = wall_thickness(shrink_balls(turned, tolerance=0))
+    assert np.quantile(np.abs(other / wall_thickness(cloud) - 1), 0.99) < 1e-6
     place = np.random.default_rng(1).permutation(shape.point_count)
     new = np.argsort(place)
     mixed = Shape(shape.points[place], shape.normals[place], new[shape.faces][::-1])
@@ -159,7 +162,7 @@ def test_real_shapes_are_complete(name, real_shapes):
     shape = read_shape(path)
     cloud = shrink_balls(shape)
     inputs = cloud.radii.copy(), shape.points.copy()
-    values = thickness(cloud)
+    values = wall_thickness(cloud)
     assert np.isfinite(values).all() and (values > 0).all()
     # Balls of an open surface may be larger than what encloses them, but not than allowed.
     assert values.max() <= 2 * shape.diagonal
@@ -169,10 +172,10 @@ def test_real_shapes_are_complete(name, real_shapes):
 def test_bad_input(creature):
     shape, cloud = creature
     with pytest.raises(InvalidOptionError, match="kind must be one of diameter, radius"):
-        thickness(cloud, kind="width")
+        wall_thickness(cloud, kind="width")
     with pytest.raises(InvalidOptionError, match="min_spoke_angle"):
-        thickness(cloud, min_spoke_angle=181)
+        wall_thickness(cloud, min_spoke_angle=181)
     with pytest.raises(InvalidShapeError, match="No inner ball"):
-        thickness(shrink_balls(shape, side="outer"))
+        wall_thickness(shrink_balls(shape, side="outer"))
     with pytest.raises(InvalidShapeError, match="No inner ball"):
-        thickness(cloud.subset([]))
+        wall_thickness(cloud.subset([]))

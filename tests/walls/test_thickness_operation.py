@@ -26,7 +26,7 @@ def test_values_come_back_to_the_vertices_of_the_input(plate):
     layer = result.layers[0]
     assert layer.name == "thickness" and (layer.points == plate.points).all()
     h = 0.01 * plate.diagonal
-    assert (np.abs(layer.attributes["thickness"] - 0.3) < h**2 / 0.3 + 1e-3).all()
+    assert (np.abs(layer.attributes["wall_thickness"] - 0.3) < h**2 / 0.3 + 1e-3).all()
     assert layer.attributes["thin_spot"].dtype == np.int32
     names = [layer.name for layer in result.layers]
     assert names == ["thickness", "thin_spots", "samples"]
@@ -38,7 +38,7 @@ def test_values_come_back_to_the_vertices_of_the_input(plate):
     assert told["thin_spots"]["thinnest"] == pytest.approx(0.3, rel=0.01)
     assert medialis.draw_result(result, width=200, height=150).shape == (150, 200, 3)
     half = medialis.run("thickness", plate, kind="radius")
-    assert half.values["thickness_min"] == result.values["thickness_min"] / 2
+    assert half.values["wall_thickness_min"] == result.values["wall_thickness_min"] / 2
 
 
 @pytest.mark.slow
@@ -48,7 +48,7 @@ def test_threshold_and_angle(plate):
     assert "no_thin_spot" in [message.code for message in none.messages]
     assert medialis.draw_result(none, width=200, height=150).shape == (150, 200, 3)
     every = medialis.run("thickness", plate, min_spoke_angle=0)
-    assert every.values["thickness_min"] < 0.1
+    assert every.values["wall_thickness_min"] < 0.1
     with pytest.raises(medialis.InvalidOptionError, match="min_spoke_angle"):
         medialis.run("thickness", plate, min_spoke_angle=181)
 
@@ -80,7 +80,7 @@ def test_walls_thinner_than_the_tolerance_are_found(size):
     assert "thin_walls" in [message.code for message in result.messages]
     # Balls stop up to 3/4 of the tolerance behind the other side, here a tenth of the default.
     slack = 0.75 * 3e-5 * result.shape.diagonal
-    values = result.layers[0].attributes["thickness"]
+    values = result.layers[0].attributes["wall_thickness"]
     assert (np.abs(values - min(size)) < slack).all()
 
 
@@ -99,7 +99,7 @@ def test_a_thin_fin_on_a_thick_base_is_measured(wall):
     shape = medialis.make_shape(np.concatenate(corners), faces, repair=True)
     assert shape.diagnosis.closed and shape.diagnosis.genus == 0
     result = medialis.run("thickness", shape, refine=0.02)
-    values, top = result.layers[0].attributes["thickness"], shape.points[:, 2] > 0.9
+    values, top = result.layers[0].attributes["wall_thickness"], shape.points[:, 2] > 0.9
     # The tolerance that finds it is below the wall, and balls stop up to 3/4 of it behind.
     assert top.sum() == 4 and (np.abs(values[top] / wall - 1) < 0.75).all()
     hidden = "thin_walls" in [message.code for message in result.messages]
@@ -110,7 +110,7 @@ def test_a_disc_whose_rim_stays_hidden_is_measured():
     """At its sharp rim some balls meet nothing with any tolerance: all others were wrong too."""
     ball = forms.icosphere(3)
     disc = medialis.make_shape(ball.points * [1, 1, 1e-6], ball.faces)
-    values = medialis.run("thickness", disc, refine=0).layers[0].attributes["thickness"]
+    values = medialis.run("thickness", disc, refine=0).layers[0].attributes["wall_thickness"]
     assert values.max() <= 2e-6 * (1 + 1e-6)
 
 
@@ -156,5 +156,5 @@ def test_a_turned_shape_is_as_thick():
     assert abs(other.diagonal / shape.diagonal - 1) > 0.03
     runs = [medialis.run("thickness", one) for one in (shape, other)]
     assert runs[0].values["samples"] == runs[1].values["samples"]
-    before, after = (run.layers[0].attributes["thickness"] for run in runs)
+    before, after = (run.layers[0].attributes["wall_thickness"] for run in runs)
     assert np.quantile(np.abs(after / before - 1), 0.99) < 0.01

@@ -10,7 +10,7 @@ from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.shape.generate import organic_shape
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import DEFAULT_TOLERANCE, shrink_balls
-from medialis.walls.thickness import thickness
+from medialis.walls.thickness import wall_thickness as thickness
 from medialis.walls.thin_spots import PlaceGraph, low_places, thin_spots
 
 STEP = 0.05

@@ -64,9 +64,12 @@ LENGTHS = frozenset(
     | {"minimum", "maximum", "typical", "wall", "least", "most"}
     | {"rib_thickness", "wall_thickness", "weld_length"}
     | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
-    | {"pieces_to_surface", "surface_to_pieces"}
+    | {"pieces_to_surface", "surface_to_pieces", "thickness_mean", "median_radius", "boundary"}
 )
 AREAS = frozenset({"area"})
+VOLUMES = frozenset({"volume"})
+POWERS = {1: "", 2: "²", 3: "³"}
+"""What follows the unit of a length, an area, a volume."""
 RADIANS = frozenset({"spoke_angle", "edge_angle", "fork_angle", "branch_angle"})
 """Names of values and attributes that have a unit, without _min, _median and _max."""
 
@@ -185,9 +188,11 @@ def with_unit(value: float, unit: str | None, power: int = 1) -> str:
     --------
     >>> with_unit(0.5, "mm"), with_unit(1234567.8, "mm", 2), with_unit(2.0, None)
     ('0.5 mm', '1,234,568 mm²', '2')
+    >>> with_unit(3.9, "m", 3)
+    '3.9 m³'
     """
     text = f"{value:,.0f}" if 1e3 <= abs(value) < 1e12 else f"{value:.4g}"
-    return text + (f" {unit}{'²' if power == 2 else ''}" if unit else "")
+    return text + (f" {unit}{POWERS[power]}" if unit else "")
 
 
 def mm(amount: float) -> Any:
@@ -492,6 +497,9 @@ class Options:
     progress : callable, optional
         Called with (fraction, text); returning False cancels. It changes no result and takes no
         part in comparing options.
+    by_body : tuple of (str, tuple of float)
+        Names of automatic lengths with a number for each group of bodies, as a fraction of the
+        diagonal of that group, not of the whole: chosen by `settled`, never by a user.
 
     Raises
     ------
@@ -500,6 +508,7 @@ class Options:
     """
 
     progress: Progress | ProgressCallback | None = field(default=None, repr=False, compare=False)
+    by_body: tuple[tuple[str, tuple[float, ...]], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         for parameter in self.parameters():
@@ -515,7 +524,8 @@ class Options:
     def taken_from(cls, other: Options, **more: Any) -> Self:
         """Return options with the values that `other` has of the same names, and `more`."""
         names = {p.name for p in cls.parameters()} & {p.name for p in other.parameters()}
-        return cls(**{**{name: getattr(other, name) for name in names}, **more})
+        given = {"by_body": other.by_body, **{name: getattr(other, name) for name in names}}
+        return cls(**{**given, **more})
 
     def measured(self, data: Any, progress: Progress) -> Self:
         """Return options whose lengths are fractions of the diagonal of `data`; tell those given.

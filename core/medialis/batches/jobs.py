@@ -45,6 +45,7 @@ from medialis.show.writing import (
 
 READABLE = (
     *(".ply", ".obj", ".off", ".stl", ".xyz", ".pts", ".glb", ".gltf", ".3mf", ".dae"),
+    *(".vtp", ".pcd", ".las", ".laz", ".e57"),
     *(".step", ".stp"),
 )
 """Files that are taken from a folder; a file that is named itself may have any ending."""

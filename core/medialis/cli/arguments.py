@@ -26,8 +26,8 @@ EXIT_OK, EXIT_NOT_PASSED, EXIT_BAD_INPUT, EXIT_SOME_FAILED, EXIT_CANCELLED = 0, 
 _EPILOG = """exit statuses: 0 done; 1 a check failed (with --fail); 2 bad input or options (a line
 on stderr says which); 3 some results of a batch failed (its table says which); 130 interrupted.
 Lengths are shares of the size (0.5% of the bounding-box diagonal; 0.005 is the same) or real ones
-(1mm, 0.2in), for which the unit of the file must be known: STEP, 3MF, glTF and Collada say it, for
-others add --unit mm."""
+(1mm, 0.2in), for which the unit of the file must be known: STEP, 3MF, glTF, Collada and E57 say it,
+LAS may, for others add --unit mm."""
 
 
 SHOWN, LIMITED = "surface_skeleton,thickness,curve_skeleton", "thickness,surface_skeleton"
@@ -437,8 +437,8 @@ def _add_up(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--up",
         choices=AXES,
-        help="the axis that points up in pictures (default: y in glTF, z in STL, 3MF and STEP, "
-        "what a Collada file says, else as the shape stands)",
+        help="the axis that points up in pictures (default: y in glTF, z in STL, 3MF, STEP, "
+        "LAS and E57, what a Collada file says, else as the shape stands)",
     )
 
 

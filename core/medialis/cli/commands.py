@@ -152,6 +152,8 @@ def run_view(options: argparse.Namespace) -> int:
 
     source = Path(options.source)
     output = Path(options.output or f"{source.resolve().stem}-view.html")
+    if output.suffix.lower() not in (".html", ".htm"):
+        output = output.with_name(f"{output.name}.html")
     progress = shown_progress(options.progress)
     if source.is_dir():
         results = _as_asked(_of_folder(source), options)
@@ -703,15 +705,17 @@ def _info(options: argparse.Namespace) -> int:
         say(json_text({**about, **found.as_dict(), "repaired": after}))
         return EXIT_OK
     say(f"{options.file} ({mesh.format})")
-    say(found.summary())
+    say(found.summary(mesh.unit))
     finite = points[np.isfinite(points).all(axis=1)]
     sides = (f"{side:.6g}" for side in np.ptp(finite, axis=0)) if len(finite) else ["0"]
-    say(f"size {' x '.join(sides)}")
-    say(f"unit: {mesh.unit or 'not said by the file (--unit mm says it to operations)'}")
+    say(f"size {' x '.join(sides)} {mesh.unit or ''}".rstrip())
+    say(
+        f"unit: {mesh.unit or 'unknown (the file does not state it; pass --unit mm to operations)'}"
+    )
     for message in messages:
         say(f"note: {message}")
     if repaired is not None and repaired != found:
-        say(f"as operations see it:\n{repaired.summary()}")
+        say(f"as operations see it:\n{repaired.summary(mesh.unit)}")
     return EXIT_OK
 
 

@@ -35,6 +35,7 @@ TO_COMPILE = {"llvmlite", "numba"}
 
 EXTRAS = {
     "cad": ("STEP", ("cascadio",)),
+    "scans": ("LAS, LAZ and E57", ("laspy", "lazrs", "pye57")),
     "io": ("glTF, Collada and more", ("trimesh", "networkx", "lxml", "pycollada")),
     "dask": ("batches on a cluster", ("dask", "distributed")),
     "completion": ("completion in shells", ("shtab",)),
@@ -293,11 +294,11 @@ def _program_of(plugin: Path) -> Finding:
 def as_text(findings: Sequence[Finding]) -> str:
     """Return the report for people."""
     marks = {"ok": "ok     ", "missing": "-      ", "broken": "BROKEN "}
-    lines = []
+    width, lines = max((len(found.name) for found in findings), default=0) + 2, []
     for found in findings:
-        lines.append(f"{marks[found.state]}{found.name:14}{found.text}")
+        lines.append(f"{marks[found.state]}{found.name:{width}}{found.text}")
         if found.advice:
-            lines.append(f"{'':21}-> {found.advice}")
+            lines.append(f"{'':{7 + width}}-> {found.advice}")
     return "\n".join(lines)
 
 

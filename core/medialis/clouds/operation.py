@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.arrays import Mask
-from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, changed, choice, flag, length, with_unit
 from medialis.base.progress import Progress, counted
@@ -29,6 +29,7 @@ from medialis.clouds.manifolds import (
     manifolds,
     scatter_of,
 )
+from medialis.clouds.outliers import are_sparser, isolated_points
 from medialis.clouds.quadrics import on_quadrics, within_scatter
 from medialis.clouds.smoothing import beside_surfaces, dense_points, jitter
 from medialis.operations.declaration import Operation
@@ -206,30 +207,34 @@ class RemoveOutliersRun(ManifoldsOptions):
 
 
 def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Progress) -> Outcome:
-    """Keep the points that belong to a manifold."""
+    """Keep the points that belong to a manifold, or all that are not isolated where few do."""
     with progress.stage("manifolds", 0.0, 0.8):
         found = manifolds.of(shape, options, progress)
     noise = found.point_class == PointClass.NOISE
-    dense = dense_points(shape.points, noise, options.min_points, progress)
-    scatter, tails = scatter_of(shape, options, progress), np.zeros(len(noise), bool)
-    with progress.stage("tails", 0.8, 1.0):
-        if scatter > 0.0:
-            rows = np.flatnonzero(dense)
-            dense[rows] = ~beside_surfaces(shape.points, rows, scatter, progress.still)
-            tails = within_scatter(shape.points, noise & ~dense, scatter, progress.still)
-    kept = ~noise | dense
-    kept |= tails
-    if not kept.any():
-        least = options.min_points
-        advice = "Try larger angles or more neighbours."
-        if shape.point_count < least:
-            advice = f"A surface needs {least} points or more (min_points): give more, or lower it."
-        raise InvalidShapeError(
-            f"None of the {shape.point_count} points lies on a smooth surface: nothing is left. "
-            + advice
+    on_surfaces = float(1 - noise.mean())
+    kept = dense = tails = ~noise
+    if on_surfaces >= 1 - MOSTLY_NOISE:
+        dense, tails = _thin_parts_and_tails(shape, noise, options, progress)
+        kept = ~noise | dense | tails
+    with progress.stage("distances", 0.9, 1.0):
+        by_surfaces = on_surfaces >= 1 - MOSTLY_NOISE and (
+            bool(kept.all())
+            or run_patiently(lambda: are_sparser(shape.points, kept, progress.still), progress)
         )
-    _note_removed(found, kept, dense, tails, progress)
-    note_mostly_noise(found, progress)
+        if not by_surfaces:
+            work = partial(isolated_points, shape.points, progress.still)
+            kept = ~(noise & run_patiently(work, progress))
+    if by_surfaces:
+        _note_kept_by_surfaces(found, kept, dense, tails, progress)
+    else:
+        reason = (
+            "points off smooth surfaces are not sparser than those on them"
+            if on_surfaces >= 1 - MOSTLY_NOISE
+            else f"only {100 * on_surfaces:.0f} % of the points are on smooth surfaces"
+        )
+        text = f"Outliers were found by the distances between points: {reason}."
+        progress.note(text, "by_distances", on_surfaces=on_surfaces)
+        _note_removed(int((~kept).sum()), len(kept), "isolated", progress)
     source = np.flatnonzero(kept).astype(np.int32)
     fields = {"manifold": found.labels()[kept], "source": source}
     shown: dict[str, Any] = {"attributes": fields, "role": "shape", **BY_MANIFOLD}
@@ -240,36 +245,60 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
     return Outcome(
         shape=shape,
         layers=(clean, noise),
-        values={"kept_points": int(kept.sum()), **manifold_values(found)},
+        values={
+            "points": len(kept),
+            "kept_points": int(kept.sum()),
+            "removed_points": int((~kept).sum()),
+            "removed_percent": 100.0 * float((~kept).mean()),
+            "manifolds": found.count,
+        },
         arrays={"points": places(shape.points), "kept": kept, **manifold_arrays(found)},
         shown=(clean,),
     )
 
 
-def _note_removed(
+def _thin_parts_and_tails(
+    shape: Shape, noise: Mask, options: RemoveOutliersRun, progress: Progress
+) -> tuple[Mask, Mask]:
+    """Return the points of noise as dense as the surface beside them, and those in its scatter."""
+    dense = dense_points(shape.points, noise, options.min_points, progress)
+    scatter, tails = scatter_of(shape, options, progress), np.zeros(len(noise), bool)
+    with progress.stage("tails", 0.8, 0.9):
+        if scatter > 0.0:
+            rows = np.flatnonzero(dense)
+            dense[rows] = ~beside_surfaces(shape.points, rows, scatter, progress.still)
+            tails = within_scatter(shape.points, noise & ~dense, scatter, progress.still)
+    return dense, tails
+
+
+def _note_kept_by_surfaces(
     found: ManifoldSet, kept: Mask, dense: Mask, tails: Mask, progress: Progress
 ) -> None:
-    """Say how many points go, and why, and how many stay although they lie on no smooth patch."""
-    removed = int((~kept).sum())
+    """Report how many points go, and why, and how many stay although they are on no surface."""
     rough = int((~kept & (found.patch_counts == 0)).sum())
-    small = removed - rough
-    text = f"{counted(removed, 'point', of=len(kept), verbs=('is', 'are'))} noise"
-    if removed:
-        text += f": {rough} on no smooth patch, {small} on pieces smaller than min_points"
-    counts = {"points": removed, "of": len(kept), "no_patch": rough, "small_pieces": small}
-    progress.note(f"{text}.", "noise_removed", **counts)
+    small = int((~kept).sum()) - rough
+    reason = f"{rough} on no smooth patch, {small} on pieces smaller than min_points"
+    counts = {"no_patch": rough, "small_pieces": small}
+    _note_removed(int((~kept).sum()), len(kept), reason, progress, **counts)
     if stay := int(dense.sum()):
         text = (
-            f"{counted(stay, 'point', verbs=('lies', 'lie'))} on no smooth surface, but as close "
+            f"{counted(stay, 'point', verbs=('is', 'are'))} on no smooth surface, but as close "
             "together as the surface beside them: kept, as thin or sharp parts of it."
         )
         progress.note(text, "dense_kept", points=stay)
     if stay := int(tails.sum()):
         text = (
-            f"{counted(stay, 'point', verbs=('lies', 'lie'))} on no smooth patch, but no farther "
+            f"{counted(stay, 'point', verbs=('is', 'are'))} on no smooth patch, but no farther "
             "off a surface than others scatter about it: kept."
         )
         progress.note(text, "tails_kept", points=stay)
+
+
+def _note_removed(removed: int, total: int, reason: str, progress: Progress, **counts: int) -> None:
+    """Report how many points were removed, and why."""
+    text = f"Removed {counted(removed, 'point', of=total)} ({100 * removed / total:.2g} %)"
+    text += f": {reason}." if removed else "."
+    progress.note(text, "noise_removed", points=removed, of=total, **counts)
 
 
 REMOVE_OUTLIERS = Operation(
@@ -277,9 +306,10 @@ REMOVE_OUTLIERS = Operation(
     filter_name="generate_point_cloud_without_outliers",
     label="Remove outliers",
     group="Segment",
-    help="Remove the outliers of a cloud: points that lie on no smooth surface.\n\n"
+    help="Remove the outliers of a cloud: points that are on no smooth surface.\n\n"
     "Keeps what belongs to a manifold, also where surfaces cross, and thin or sharp parts that are "
-    "as dense as the surface beside them. No point is moved: smooth does that.",
+    "as dense as the surface beside them. Where most of the cloud is not on surfaces (wires, "
+    "twigs), removes the points that are isolated. No point is moved: smooth does that.",
     source="thesis 4.2.4.2",
     examples=(("scan.ply", "the scan without the points that lie on no surface"),),
     layers={

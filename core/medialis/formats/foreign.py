@@ -1,10 +1,11 @@
-"""Meshes through libraries of others, each file in a process of its own that has limits.
+"""Meshes and scans that are parsed in a child process with limits, one process for each file.
 
-STEP is read through cascadio (Open CASCADE), glTF, Collada and others through trimesh, 3MF by
-ourselves with Python's XML. A file can make such a parser crash, spin or take all memory: it does
-so in a process that has `SECONDS` and `MEMORY`, and more for each byte of the file. The process
-opens no file but the modules that it runs and, for glTF, buffers in the folder of the file; it
-starts no other process and no connection. What it found comes back as JSON and arrays.
+STEP is read through cascadio (Open CASCADE), glTF, Collada and others through trimesh, LAS and LAZ
+through laspy, E57 through pye57; 3MF and VTP by our own code with Python's XML parser. A file can
+make such a parser crash, spin or take all memory: it does so in a process that has `SECONDS` and
+`MEMORY`, and more for each byte of the file. The process opens no file but the modules that it runs
+and, for glTF, buffers in the folder of the file; it starts no other process and no connection. What
+it found comes back as JSON and arrays.
 
 `parsed_foreign` is the door, `serve` runs in the process.
 """
@@ -31,8 +32,9 @@ from medialis.base.children import Ended, Limits, answer_of
 from medialis.base.disk import Folder
 from medialis.base.errors import InvalidShapeError, MedialisError
 from medialis.base.options import nearest_unit
+from medialis.base.progress import Message
 from medialis.base.validation import FloatArray, IntArray
-from medialis.formats.files import absolute
+from medialis.formats.files import ParsedMesh, absolute
 
 SECONDS, SECONDS_A_MEGABYTE = 10.0, 8.0
 """Processor time of a file. Good ones take 0.1 to 2 s for each MB, on a machine of 2026."""
@@ -49,12 +51,40 @@ CODE = (
     "from medialis.formats.foreign import serve; serve()"
 )
 
+BY_ENDING = ("3mf", *THROUGH_TRIMESH)
+"""Formats that are parsed in the child process, by their endings."""
+
+BY_CONTENT = ("vtp", "las", "laz", "e57")
+"""Formats that are parsed there by how they begin, whatever their endings; STEP is, too."""
+
+_LASPY = ("laspy", "LAS files are read through laspy", "scans")
 _INSTALL = {
-    "step": ("cascadio", "STEP files are read through cascadio", "cad"),
-    "3mf": ("", "", ""),
+    "step": (("cascadio", "STEP files are read through cascadio", "cad"),),
+    "las": (_LASPY,),
+    "laz": (_LASPY, ("lazrs", "LAZ files are read through lazrs", "scans")),
+    "e57": (("pye57", "E57 files are read through pye57", "scans"),),
+    "3mf": (),
+    "vtp": (),
 }
-_ARRAYS = {"points": "<f8", "faces": "<i8", "patches": "<i4", "normals": "<f8", "planes": "<i4"}
-"""What a process tells, three numbers a row, or one of those of four bytes."""
+"""The packages that read a format: name, sentence, extra."""
+
+_ARRAYS = {
+    "points": ("<f8", 3), "faces": ("<i8", 3), "counts": ("<i8", 1), "corners": ("<i8", 1),
+    "patches": ("<i4", 1), "bodies": ("<i4", 1), "planes": ("<i4", 1),
+    "normals": ("<f8", 3), "viewpoints": ("<f8", 3),
+}  # fmt: skip
+"""Arrays that the child process returns: type, and numbers in a row."""
+
+_ROWS_LIKE = {
+    "patches": "faces",
+    "planes": "faces",
+    "bodies": "faces",
+    "normals": "points",
+    "viewpoints": "points",
+}
+"""Arrays that have as many rows as another one, or none."""
+
+MAX_MESSAGES = 20
 
 _BUFFERS = re.compile(rb'"uri"\s*:\s*"(?!data:)([^"\\]{1,1000})"')
 
@@ -63,7 +93,9 @@ _BUFFERS = re.compile(rb'"uri"\s*:\s*"(?!data:)([^"\\]{1,1000})"')
 class Foreign:
     """What a file holds: points (n, 3), triangles (m, 3), its unit, and the CAD face of each.
 
-    And the normals (n, 3) of the CAD model, zero at its edges, and the flat face of each triangle.
+    And the normals (n, 3) of the CAD model, zero at its edges, the flat face of each triangle, and
+    the body of the file that it belongs to. Polygons have `counts` (p,) and `corners` instead of
+    triangles, and a scan has `viewpoints` (n, 3), NaN where unknown.
     """
 
     points: FloatArray
@@ -72,6 +104,20 @@ class Foreign:
     patches: IntArray | None = None
     normals: FloatArray | None = None
     planes: IntArray | None = None
+    bodies: IntArray | None = None
+    counts: NDArray[np.int64] | None = None
+    corners: NDArray[np.int64] | None = None
+    viewpoints: FloatArray | None = None
+    messages: tuple[Message, ...] = ()
+
+    @classmethod
+    def of_parsed(cls, parsed: ParsedMesh, unit: str | None = None) -> Foreign:
+        """Return what one of our own parsers found."""
+        return cls(
+            parsed.points, np.empty((0, 3), np.int64), unit, normals=parsed.normals,
+            counts=parsed.counts, corners=parsed.corners, viewpoints=parsed.viewpoints,
+            messages=parsed.messages,
+        )  # fmt: skip
 
 
 def parsed_foreign(kind: str, data: bytes, name: str) -> Foreign:
@@ -82,13 +128,12 @@ def parsed_foreign(kind: str, data: bytes, name: str) -> Foreign:
     InvalidShapeError
         When the library is not installed, the file is damaged, or takes more than the limits.
     """
-    package, what, extra = _INSTALL.get(
-        kind, ("trimesh", f".{kind} files are read through trimesh", "io")
-    )
-    if package and importlib.util.find_spec(package) is None:
-        raise InvalidShapeError(
-            f'{what}, which is not installed; install it with: pip install "medialis[{extra}]".'
-        )
+    trimesh = (("trimesh", f".{kind} files are read through trimesh", "io"),)
+    for package, what, extra in _INSTALL.get(kind, trimesh):
+        if importlib.util.find_spec(package) is None:
+            raise InvalidShapeError(
+                f'{what}, which is not installed; install it with: pip install "medialis[{extra}]".'
+            )
     folder = str(absolute(name).parent)
     size = len(data) + (_size_of_buffers(data, folder) if kind == "gltf" else 0)
     limits = Limits(SECONDS + SECONDS_A_MEGABYTE * size / 1e6, MEMORY + MEMORY_A_BYTE * size)
@@ -109,7 +154,8 @@ def parsed_foreign(kind: str, data: bytes, name: str) -> Foreign:
 
 
 def _library(kind: str) -> str:
-    return {"step": "library cascadio", "3mf": "reader"}.get(kind, "library trimesh")
+    packages = _INSTALL.get(kind, (("trimesh",),))
+    return f"library {packages[-1][0]}" if packages else "reader"
 
 
 def _size_of_buffers(data: bytes, folder: str) -> int:
@@ -143,21 +189,29 @@ def _taken(said: bytes) -> Foreign:
     if "refused" in told:
         raise InvalidShapeError(str(told["refused"])[:1000])
     arrays: dict[str, Any] = {}
-    for name, kind in _ARRAYS.items():
+    for name, (kind, width) in _ARRAYS.items():
         count = int(told.get(name, 0))
         if count < 0:
             raise InvalidShapeError("its parser failed: it is damaged.")
-        width = 1 if kind == "<i4" else 3
         length = count * width * np.dtype(kind).itemsize
-        arrays[name] = np.frombuffer(rest[:length], kind).reshape(count, width)
+        rows = np.frombuffer(rest[:length], kind).reshape(count, width)
+        arrays[name] = rows if width > 1 else rows[:, 0]
         rest = rest[length:]
-    for name in ("patches", "planes", "normals"):
-        rows, of = arrays[name], "points" if name == "normals" else "faces"
-        if len(rows) not in (0, len(arrays[of])):
+    for name, other in _ROWS_LIKE.items():
+        if len(arrays[name]) not in (0, len(arrays[other])):
             raise InvalidShapeError("its parser failed: it is damaged.")
-        arrays[name] = None if not len(rows) else rows if name == "normals" else rows[:, 0]
+        if not len(arrays[name]):
+            arrays[name] = None
+    if len(arrays["faces"]) or not len(arrays["counts"]):
+        arrays["counts"] = arrays["corners"] = None
+    elif int(arrays["counts"].sum()) != len(arrays["corners"]) or arrays["counts"].min() < 0:
+        raise InvalidShapeError("its parser failed: it is damaged.")
     unit = told["unit"]
-    return Foreign(**arrays, unit=nearest_unit(unit) if unit else None)
+    messages = tuple(
+        Message(str(text)[:500], str(code)[:50], int(level), **data)
+        for text, code, level, data in told.get("messages", ())[:MAX_MESSAGES]
+    )
+    return Foreign(**arrays, unit=nearest_unit(unit) if unit else None, messages=messages)
 
 
 def serve() -> None:
@@ -189,9 +243,11 @@ def serve() -> None:
 def _tell(answers: io.BufferedWriter, found: Foreign) -> None:
     arrays = {name: getattr(found, name) for name in _ARRAYS}
     arrays = {name: np.empty(0) if rows is None else rows for name, rows in arrays.items()}
-    about = {name: len(rows) for name, rows in arrays.items()} | {"unit": found.unit}
+    about: dict[str, Any] = {name: len(rows) for name, rows in arrays.items()}
+    about["unit"] = found.unit
+    about["messages"] = [(str(m), m.code, m.level, dict(m.data)) for m in found.messages]
     answers.write(json.dumps(about).encode() + b"\n")
-    for name, kind in _ARRAYS.items():
+    for name, (kind, _) in _ARRAYS.items():
         answers.write(np.ascontiguousarray(arrays[name], kind).data)
 
 
@@ -203,7 +259,23 @@ def _parsed(kind: str, data: bytes, folder: str) -> Foreign:
     if kind == "3mf":
         from medialis.formats.three_mf import parse_three_mf
 
-        return Foreign(*parse_three_mf(data))
+        points, faces, unit, bodies = parse_three_mf(data)
+        return Foreign(points, faces, unit, bodies=bodies)
+    if kind == "vtp":
+        from medialis.formats.vtk_polydata import parse_vtp
+
+        return Foreign.of_parsed(parse_vtp(data))
+    if kind in ("las", "laz"):
+        import laspy  # noqa: F401 - loaded before nothing can be opened
+
+        from medialis.formats.scans import parse_las
+
+        guard(folder)
+        return Foreign.of_parsed(*parse_las(data))
+    if kind == "e57":
+        from medialis.formats.scans import parse_e57
+
+        return Foreign.of_parsed(parse_e57(data), "m")
     return _through_trimesh(data, kind, folder)
 
 
@@ -216,13 +288,33 @@ def _through_trimesh(data: bytes, kind: str, folder: str) -> Foreign:
     loaded: Any = trimesh.load(
         io.BytesIO(data), file_type=kind, process=False, resolver=cast(Any, _Beside(folder)), **more
     )
+    bodies = None
     if isinstance(loaded, trimesh.Scene):
-        loaded = loaded.to_mesh()
+        meshes = [mesh for mesh in loaded.dump() if isinstance(mesh, trimesh.Trimesh)]
+        bodies = _bodies_of(loaded, meshes)
+        loaded = trimesh.util.concatenate(meshes) if meshes else loaded.to_mesh()
     points = np.array(loaded.vertices, np.float64).reshape(-1, 3)
     faces = np.array(getattr(loaded, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
     unit = getattr(loaded, "units", None)
     # glTF knows metres alone.
-    return Foreign(points, faces, "m" if kind in ("glb", "gltf") else str(unit) if unit else None)
+    metres = kind in ("glb", "gltf")
+    return Foreign(points, faces, "m" if metres else str(unit) if unit else None, bodies=bodies)
+
+
+def _bodies_of(scene: Any, meshes: list[Any]) -> IntArray:
+    """Return the number of the node that each triangle of the meshes of a scene belongs to.
+
+    A mesh of several materials has a part for each of them, in a node of its own below that of the
+    mesh: these are one body.
+    """
+    numbers: dict[Any, int] = {}
+    rows = []
+    for k, mesh in enumerate(meshes):
+        node = mesh.metadata.get("node", k)
+        if mesh.metadata.get("from_gltf_primitive"):
+            node = scene.graph.transforms.parents.get(node, node)
+        rows.append(np.full(len(mesh.faces), numbers.setdefault(node, len(numbers)), np.int32))
+    return np.concatenate(rows) if rows else np.empty(0, np.int32)
 
 
 class _Beside:

@@ -37,10 +37,10 @@ from medialis.base.validation import (
     frozen,
     sealed,
 )
-from medialis.formats import point_texts
+from medialis.formats import pcd, point_texts, vtk_polydata
 from medialis.formats import text_meshes as texts
 from medialis.formats.files import ParsedMesh, file_bytes, reading
-from medialis.formats.foreign import THROUGH_TRIMESH, parsed_foreign
+from medialis.formats.foreign import BY_CONTENT, BY_ENDING, parsed_foreign
 from medialis.formats.ply import parse_ply
 
 UNPACK = "unpack it first"
@@ -202,10 +202,11 @@ def _clip_ears(local: FloatArray, normal: FloatArray) -> NDArray[np.int64]:
 _EXTENSIONS = {
     **{".ply": "ply", ".obj": "obj", ".off": "off", ".coff": "off", ".noff": "off", ".stl": "stl"},
     **{".xyz": "xyz", ".pts": "xyz", ".txt": "xyz", ".csv": "xyz", ".asc": "xyz", ".xyzn": "xyz"},
+    ".pcd": "pcd",
 }
 _PARSERS: dict[str, Callable[[bytes], ParsedMesh]] = {
     **{"ply": parse_ply, "off": texts.parse_off, "stl": texts.parse_stl, "obj": texts.parse_obj},
-    "xyz": point_texts.parse_point_text,
+    **{"pcd": pcd.parse_pcd, "xyz": point_texts.parse_point_text},
 }
 
 
@@ -213,7 +214,9 @@ MOST_UNPACKED = 4_000_000_000
 """Bytes in an archive: ten times the largest meshes that people hand round."""
 
 
-UP = {"stl": "z", "3mf": "z", "step": "z", "glb": "y", "gltf": "y"}
+UP = {"stl": "z", "3mf": "z", "step": "z", "las": "z", "laz": "z", "e57": "z"} | {
+    **{"glb": "y", "gltf": "y"}
+}
 """The axis that points up, by formats that have one: printers and CAD stand on x and y."""
 
 
@@ -270,8 +273,9 @@ class MeshData:
 def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     """Read a mesh or point cloud.
 
-    PLY, OBJ, OFF, STL, 3MF and plain text points are read here; glTF, Collada and others through
-    `trimesh` when it is installed, STEP through `cascadio`. The extension names the
+    PLY, OBJ, OFF, STL, 3MF, VTP, PCD and plain text points are read here; glTF, Collada and others
+    through `trimesh` when it is installed, STEP through `cascadio`, LAS and LAZ through `laspy`,
+    E57 through `pye57`. The extension names the
     format; where the content says otherwise, the content wins. Polygons are split into triangles.
 
     Parameters
@@ -296,7 +300,9 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
     suffix = Path(name).suffix.lower()
     with reading(name):
         binary_gltf, ending = data.startswith(b"glTF"), suffix.lstrip(".")
-        if ending in ("3mf", *THROUGH_TRIMESH) or binary_gltf:
+        if kind := _kind_of_scan(data):
+            return _read_foreign(kind, data, name)
+        if ending in BY_ENDING or binary_gltf:
             return _read_foreign("glb" if binary_gltf else ending, data, name)
         if not (data.startswith(b"ply") or texts.is_binary_stl(data)):
             data = data.removeprefix(codecs.BOM_UTF8)  # some editors put it before any text
@@ -309,13 +315,29 @@ def read_mesh(path: str | os.PathLike[str]) -> MeshData:
         return _checked(parsed, kind, told)
 
 
+def _kind_of_scan(data: bytes) -> str | None:
+    """Return the format of a scan, or of VTK's XML, by the first bytes; None if it is another."""
+    if data.startswith(b"LASF"):
+        compressed = len(data) > 104 and data[104] & 0xC0  # bits of the point format
+        return "laz" if compressed else "las"
+    if data.startswith(b"ASTM-E57"):
+        return "e57"
+    return "vtp" if vtk_polydata.MARK.match(data[:2000]) else None
+
+
 def _read_foreign(kind: str, data: bytes, name: str) -> MeshData:
-    """Read what a library of others parses; faces of a CAD model are patches."""
+    """Read what a child process parses; faces of a CAD model are patches."""
     _check_unpacked(data)
     found = parsed_foreign(kind, data, name)
-    counts = np.full(len(found.faces), 3, np.int64)
-    mesh = _checked(ParsedMesh(found.points, counts, found.faces.ravel()), kind, ())
-    mesh = replace(mesh, unit=found.unit, own_up=_collada_up(data) if kind == "dae" else None)
+    counts, corners = found.counts, found.corners
+    if counts is None or corners is None:
+        counts, corners = np.full(len(found.faces), 3, np.int64), found.faces.ravel()
+    normals = found.normals if found.planes is None else None
+    parsed = ParsedMesh(found.points, counts, corners, normals, found.messages, found.viewpoints)
+    mesh = _checked(parsed, kind, ())
+    bodies = None if found.bodies is None else frozen(found.bodies, np.int32)
+    up = _collada_up(data) if kind == "dae" else None
+    mesh = replace(mesh, unit=found.unit, own_up=up, bodies=bodies)
     if found.patches is None:
         return mesh
     faces = int(found.patches.max()) + 1
@@ -357,6 +379,8 @@ def _looks_like(kind: str, data: bytes, expected: bool) -> bool:
         return counts or bool(texts.KEYWORD.match(data.lstrip()[:20]))
     if kind == "stl":
         return texts.is_binary_stl(data) or texts.is_ascii_stl(data)
+    if kind == "pcd":
+        return bool(pcd.MARK.match(data[:4000]))
     if kind == "obj":
         return bool(re.search(rb"(?:^|[\r\n])[ \t]*v[ \t]+[-+.\d]", data[:1_000_000]))
     return point_texts.starts_with_numbers(data) and not texts.is_binary_stl(data)
@@ -368,7 +392,7 @@ def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
     if expected == "ply" and _looks_like(expected, data, True):
         return expected, ()
     # OBJ and point text have no mark of their own, so the marks of the others are looked at first.
-    marked = [kind for kind in ("ply", "off", "stl") if _looks_like(kind, data, False)]
+    marked = [kind for kind in ("ply", "off", "stl", "pcd") if _looks_like(kind, data, False)]
     if expected and expected in (marked or [expected]) and _looks_like(expected, data, True):
         return expected, ()
     for kind in _PARSERS:
@@ -378,9 +402,13 @@ def _format_of(suffix: str, data: bytes) -> tuple[str, tuple[Message, ...]]:
             return kind, (Message(text, "other_format", format=kind),)
     if expected:
         return expected, ()  # its parser tells what is wrong
+    if suffix.lstrip(".") in BY_CONTENT:
+        raise InvalidShapeError(
+            f"it does not begin like a {suffix} file: it is damaged, or something else."
+        )
     raise InvalidShapeError(
         f"neither its extension '{suffix}' nor its content is a known mesh format; "
-        "PLY, OBJ, OFF, STL, STEP and text points (.xyz) can be read."
+        "PLY, OBJ, OFF, STL, STEP, VTP, PCD, LAS, E57 and text points (.xyz) can be read."
     )
 
 

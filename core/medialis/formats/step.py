@@ -69,11 +69,12 @@ class _Piece:
 
 def parse_step(
     data: bytes,
-) -> tuple[FloatArray, NDArray[np.int64], str, IntArray, FloatArray, IntArray]:
+) -> tuple[FloatArray, NDArray[np.int64], str, IntArray, FloatArray, IntArray, IntArray]:
     """Return points and triangles of a STEP file, its unit, and what the model says of them.
 
     That is the face of the model that each triangle lies on, the normal of the surface at each
-    point, zero where faces meet in an edge, and the flat face of each triangle, -1 for none.
+    point, zero where faces meet in an edge, the flat face of each triangle, -1 for none, and the
+    solid of each triangle. Solids that touch share no points.
 
     It runs in a process of its own (`formats/foreign.py`), since damaged files crash the library
     and keep it busy for ever.
@@ -93,10 +94,12 @@ def parse_step(
     planes = np.full(len(patches), -1, np.int32)
     planes[flat] = np.unique(patches[flat], return_inverse=True)[1]
     places = _rounded(np.concatenate([piece.points for piece in pieces]) / METERS[unit])
-    points, number = np.unique(places, axis=0, return_inverse=True)
+    solid = np.repeat(np.arange(len(pieces)), [len(piece.points) for piece in pieces])
+    rows, number = np.unique(np.column_stack([places, solid]), axis=0, return_inverse=True)
     number = number.ravel()
-    normals = _normals(np.concatenate([piece.normals for piece in pieces]), number, len(points))
-    return points, number[corners], unit, patches, normals, planes
+    normals = _normals(np.concatenate([piece.normals for piece in pieces]), number, len(rows))
+    bodies = solid[corners[:, 0]].astype(np.int32)
+    return rows[:, :3], number[corners], unit, patches, normals, planes, bodies
 
 
 def _normals(normals: FloatArray, number: NDArray[np.int64], count: int) -> FloatArray:

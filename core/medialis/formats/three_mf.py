@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import METERS, nearest_unit
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 
 Faces = NDArray[np.int64]
 Name = tuple[str, str]
@@ -51,8 +51,10 @@ class _Object:
     parts: list[_Placed] = field(default_factory=list)
 
 
-def parse_three_mf(data: bytes) -> tuple[FloatArray, Faces, str]:
+def parse_three_mf(data: bytes) -> tuple[FloatArray, Faces, str, IntArray]:
     """Return points and triangles of all that the build of a 3MF file places, and its unit.
+
+    And the body of each triangle: a mesh object, each time that it is placed.
 
     Raises
     ------
@@ -64,10 +66,10 @@ def parse_three_mf(data: bytes) -> tuple[FloatArray, Faces, str]:
         root = package.model(package.root())
         whole = _Object(parts=root.build)
         package.count(whole)
-        points, faces = package.assembled(whole)
+        points, faces, bodies = package.assembled(whole)
     except (zipfile.BadZipFile, expat.ExpatError, NotImplementedError, OSError, EOFError) as error:
         raise InvalidShapeError(f"it is damaged ({str(error)[:200]}).") from None
-    return points, faces, root.unit
+    return points, faces, root.unit, bodies.astype(np.int32)
 
 
 class _Package:
@@ -78,7 +80,7 @@ class _Package:
         self._names = {_plain(name): name for name in archive.namelist()}
         self._models: dict[str, _Model] = {}
         self._counts: dict[Name, int] = {}
-        self._meshes: dict[Name, tuple[FloatArray, Faces]] = {}
+        self._meshes: dict[Name, tuple[FloatArray, Faces, Faces]] = {}
         self._scale = 0.0
         self._inside: list[Name] = []
 
@@ -153,23 +155,29 @@ class _Package:
             )
         return total
 
-    def assembled(self, thing: _Object, scale: float = 1.0) -> tuple[FloatArray, Faces]:
-        """Return the mesh of an object with all that it places, in the unit of the first model."""
+    def assembled(self, thing: _Object, scale: float = 1.0) -> tuple[FloatArray, Faces, Faces]:
+        """Return the mesh of an object with all that it places, in the unit of the first model.
+
+        And the number of the placed mesh that each triangle belongs to.
+        """
         points = [np.frombuffer(thing.corners or b"", np.float64).reshape(-1, 3) * scale]
         faces = [_checked(thing, len(points[0]))]
+        bodies, count = [np.zeros(len(faces[0]), np.int64)], 1
         start = len(points[0])
         for part in thing.parts:
             name = part.name
             if name not in self._meshes:
                 inner = self.model(name[0]).scale
                 self._meshes[name] = self.assembled(self.object(name), inner)
-            corners, triangles = self._meshes[name]
+            corners, triangles, numbers = self._meshes[name]
             with np.errstate(all="ignore"):
                 points.append(corners @ part.turn + part.shift * scale)
                 mirrored = np.linalg.det(part.turn) < 0
             faces.append((triangles[:, ::-1] if mirrored else triangles) + start)
             start += len(corners)
-        return np.concatenate(points), np.concatenate(faces)
+            bodies.append(numbers + count)
+            count += int(numbers.max(initial=-1)) + 1
+        return np.concatenate(points), np.concatenate(faces), np.concatenate(bodies)
 
 
 class _Model:

@@ -160,6 +160,12 @@ class Solid:
             inside[unsure] = median > INSIDE
         return inside
 
+    def certainly_contains(self, places: FloatArray) -> Mask:
+        """Return which places (q, 3) are inside by each of six rays, not only by most of them."""
+        if self.whole:
+            return self.contains(places)
+        return np.asarray((self._crossings(places, slice(3)) > INSIDE).all(axis=1))
+
     def _crossings(self, places: FloatArray, views: slice) -> FloatArray:
         """Return how often the surface is wound round places, by one ray a view, two if open."""
         from medialis.medial_meshes._sampling_kernels import count_crossings

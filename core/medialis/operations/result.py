@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from medialis.base.arrays import Described
 from medialis.base.errors import InvalidShapeError
-from medialis.base.options import AREAS, LENGTHS, RADIANS, Kind, with_unit
+from medialis.base.options import AREAS, LENGTHS, POWERS, RADIANS, VOLUMES, Kind, with_unit
 from medialis.base.progress import counted
 from medialis.base.validation import Positions, as_faces, as_points
 from medialis.operations.positions import Listed, Place, of_array
@@ -59,8 +59,12 @@ def value_words(name: str) -> str:
     return WORDS.get(name, name.removesuffix("_percent").replace("_", " "))
 
 
+DIMENSIONS = {"length": 1, "area": 2, "volume": 3}
+"""Power of the unit of length in each quantity."""
+
+
 def quantity(name: str) -> str:
-    """Return "length", "area" or "angle" (in radians) for the name of a value, else nothing.
+    """Return "length", "area", "volume" or "angle" (in radians) for a value's name, else nothing.
 
     Examples
     --------
@@ -68,7 +72,7 @@ def quantity(name: str) -> str:
     ('length', 'area', 'angle', '')
     """
     stem = next((name.removesuffix(part) for part in _PARTS if name.endswith(part)), name)
-    kinds = {"length": LENGTHS, "area": AREAS, "angle": RADIANS}
+    kinds = {"length": LENGTHS, "area": AREAS, "volume": VOLUMES, "angle": RADIANS}
     return next((kind for kind, names in kinds.items() if stem in names), "")
 
 
@@ -80,8 +84,10 @@ def unit_of(name: str, unit: str | None) -> str:
     >>> unit_of("area", "mm"), unit_of("spoke_angle", None), unit_of("error_percent", None)
     ('mm²', 'degrees', '%')
     """
-    of = {"length": unit or "", "area": f"{unit}²" if unit else "", "angle": "degrees"}
-    return of.get(quantity(name), "%" if name.endswith("_percent") else "")
+    what = quantity(name)
+    if what in DIMENSIONS:
+        return f"{unit}{POWERS[DIMENSIONS[what]]}" if unit else ""
+    return "degrees" if what == "angle" else "%" if name.endswith("_percent") else ""
 
 
 def value_text(name: str, value: Any, unit: str | None = None) -> str:
@@ -105,7 +111,7 @@ def value_text(name: str, value: Any, unit: str | None = None) -> str:
         return f"{math.degrees(value):.1f} degrees"
     if isinstance(value, float):
         own = unit if what else "%" if name.endswith("_percent") else None
-        return with_unit(value, own, 2 if what == "area" else 1)
+        return with_unit(value, own, DIMENSIONS.get(what, 1))
     return f"{value:,}" if isinstance(value, int) else str(value)
 
 

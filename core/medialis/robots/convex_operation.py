@@ -7,6 +7,7 @@ which keeps those of the shape.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -59,7 +60,7 @@ def run(shape: Shape, options: ConvexPiecesRun, progress: Progress) -> Outcome:
             "largest_error": max(found.pieces_to_surface, found.surface_to_pieces),
             "pieces_to_surface": found.pieces_to_surface,
             "surface_to_pieces": found.surface_to_pieces,
-            "volume_ratio": found.volume_ratio,
+            "volume_ratio": None if math.isnan(found.volume_ratio) else found.volume_ratio,
             "most_corners": max(len(points) for points, _ in parts),
             "diagonal": shape.diagonal,
             "piece_table": table,

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -49,6 +50,7 @@ from medialis.skeleton.medial_cloud import ShrinkOptions, shrink_balls
 
 if TYPE_CHECKING:
     from medialis.robots._hull_kernels import Facets
+    from medialis.shape.diagnosis import Diagnosis
 
 SIDE, FINER = 0.04, 0.25
 """Diagonals: sides of the small triangles; no more than this share of the root of the error, since
@@ -95,6 +97,10 @@ how far they stick out."""
 STRIDE = 16
 """Of places at which is measured, those that are looked at first."""
 
+TESTED = 20_000
+"""Small triangles of a closed mesh that are tested for having the inside beneath and the outside
+above; where all have, no parts overlap by more than is near to a few of the others."""
+
 IN_UNION = 50_000
 """Places at which the volume of all pieces together is estimated."""
 
@@ -127,7 +133,8 @@ class ConvexPieces(Described):
     surface_to_pieces : float
         How far the surface lies outside of all pieces, at most.
     volume_ratio : float
-        Volume of the pieces together over that of the solid; an estimate, good to about 1 %.
+        Volume of the pieces together over that of the solid; an estimate, good to about 1 %. NaN
+        for a sheet, which has no volume.
     """
 
     points: Positions
@@ -175,7 +182,8 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
     Parameters
     ----------
     shape : Shape
-        A mesh of m faces; holes are closed, each by triangles round its middle.
+        A mesh of m faces; holes are closed, each by triangles round its middle. Those of a sheet
+        whose faces are written twice, once from either side, stay open.
 
     Returns
     -------
@@ -185,7 +193,7 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
     Raises
     ------
     InvalidShapeError
-        For a cloud, and for a mesh that encloses nothing.
+        For a cloud, and for a mesh that encloses nothing and is not drawn from both sides.
 
     See Also
     --------
@@ -212,21 +220,126 @@ def convex_pieces(shape: Shape, options: ConvexPiecesOptions, progress: Progress
         raise InvalidShapeError("All points of the shape coincide: it encloses nothing.")
     middle, scale = 0.5 * (shape.bounds[0] + shape.bounds[1]), shape.diagonal
     given = (shape.points - middle) / scale, shape.faces
-    points, faces, holes = without_holes(*given, np.inf, MOST_BORDER)
-    if holes:
-        verb = "was" if holes == 1 else "were"
-        text = f"{counted(holes, 'hole')} of the mesh {verb} closed."
-        progress.note(text, "holes_closed", holes=holes)
-    cut = _Cut.of(Solid(points, faces), len(shape.faces), options.error)
+    cut = _cut_of(*given, shape.diagnosis, options.error, progress)
     one = _as_one(cut)
     if one is not None:
-        return _measured(cut, [one], middle, scale)
-    with progress.stage("groups", 0.0, 0.4):
-        cut.group(progress)
-    with progress.stage("pieces", 0.4, 0.9):
-        hulls = _few(cut, options, progress)
+        hulls = [one]
+    else:
+        with progress.stage("groups", 0.0, 0.4):
+            cut.group(progress)
+        with progress.stage("pieces", 0.4, 0.9):
+            hulls = _few(cut, options, progress)
     with progress.stage("measure", 0.9, 1.0):
-        return _measured(cut, hulls, middle, scale)
+        pieces = _measured(cut, hulls, middle, scale)
+        _report_error(cut, hulls, pieces.pieces_to_surface / scale, progress)
+    return pieces
+
+
+def _cut_of(
+    points: FloatArray,
+    faces: IntArray,
+    diagnosis: Diagnosis | None,
+    error: float,
+    progress: Progress,
+) -> _Cut:
+    """Return the solid that a mesh bounds, with holes closed, or its sheet; report which."""
+    if _is_double_sheet(faces, diagnosis):
+        both = _with_backs(faces)
+        text = (
+            "The mesh is a sheet whose faces are written twice: it encloses nothing, and its "
+            "openings stay open. The pieces hold the sheet."
+        )
+        progress.warn(text, "double_sheet", faces=len(both) // 2)
+        return _Cut.of_sheet(Solid(points, both), error)
+    closed_points, closed_faces, holes = without_holes(points, faces, np.inf, MOST_BORDER)
+    cut = _Cut.of(Solid(closed_points, closed_faces), len(faces), error)
+    if holes:
+        _report_closed_holes(cut.solid, len(faces), holes, error, progress)
+    if cut.sheet_share > 0.0:
+        text = (
+            f"{100 * cut.sheet_share:.3g} % of the surface encloses nothing (sheets, parts that "
+            "face inward): the pieces hold it as thin sheets."
+        )
+        progress.warn(text, "sheets", share=cut.sheet_share)
+    return cut
+
+
+def _is_double_sheet(faces: IntArray, diagnosis: Diagnosis | None) -> bool:
+    """Return whether a mesh is an open sheet whose faces are written twice or more.
+
+    The copies are in the faces, or were dropped when the file was read.
+    """
+    same, counts = np.unique(np.sort(faces, axis=1), axis=0, return_counts=True)
+    dropped = 0 if diagnosis is None else diagnosis.duplicate_faces
+    twice = bool((counts > 1).all()) or dropped >= len(counts)
+    return twice and not _is_closed(np.asarray(same, np.int64))
+
+
+def _is_closed(faces: Index) -> bool:
+    """Return whether each edge of faces, whatever their orientation, has at least two of them."""
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] > 1).all())
+
+
+def _with_backs(faces: IntArray) -> IntArray:
+    """Return each face from both of its sides, once."""
+    rows = np.unique(np.sort(faces, axis=1), axis=0)
+    return np.concatenate([rows, rows[:, ::-1]]).astype(np.int32)
+
+
+def _report_closed_holes(
+    solid: Solid, given: int, holes: int, error: float, progress: Progress
+) -> None:
+    """Report the openings that were filled; a warning if one is wider than pieces may stick out."""
+    fills = solid.faces[given:]
+    owner = np.unique(fills.max(axis=1), return_inverse=True)[1]
+    rims = solid.points[fills]
+    widest = max(float(np.linalg.norm(np.ptp(rims[owner == row].reshape(-1, 3), axis=0)))
+                 for row in range(holes))  # fmt: skip
+    areas = solid.surface.face_areas
+    share = float(areas[given:].sum() / areas.sum())
+    verb = "was" if holes == 1 else "were"
+    text = (
+        f"{counted(holes, 'hole')} of the mesh {verb} closed, the widest {100 * widest:.3g} % of "
+        f"the size across; {100 * share:.3g} % of the surface is new. What lies behind counts as "
+        "solid: pieces fill it."
+    )
+    level = logging.WARNING if widest > 2.0 * error else logging.INFO
+    data = {"holes": holes, "widest": widest, "share": share}
+    progress.note(text, "holes_closed", level=level, **data)
+
+
+def _report_error(cut: _Cut, hulls: list[Hull], reached: float, progress: Progress) -> None:
+    """Warn where pieces stick out by more than the error, or where that cannot be measured."""
+    if reached > cut.error:
+        text = (
+            f"Pieces stick out by {100 * reached:.3g} % of the size; {100 * cut.error:.3g} % was "
+            "requested."
+        )
+        progress.warn(text, "error_exceeded", error=cut.error, reached=reached)
+    odd, edges = _unbalanced_edges(cut.solid.faces)
+    if odd == 0:
+        return
+    most = _sticking_out(cut, hulls, certain=True)
+    text = (
+        f"The mesh is not closed at {odd:,} of {edges:,} edges, and its inside is estimated: "
+        f"pieces stick out by {100 * reached:.3g} to {100 * most:.3g} % of the size."
+    )
+    data = {"edges": odd, "of": edges, "reached": reached, "most": most}
+    progress.warn(text, "inside_estimated", **data)
+
+
+def _unbalanced_edges(faces: Index) -> tuple[int, int]:
+    """Return the number of edges along which more faces run one way than the other, and of all.
+
+    Without such edges the surface is wound round each place a whole number of times.
+    """
+    ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    way = np.where(ends[:, 0] < ends[:, 1], 1.0, -1.0)
+    keys = np.sort(ends, axis=1) @ np.array([faces.max() + 1, 1])
+    edge = np.unique(keys, return_inverse=True)[1]
+    sums = np.bincount(edge, way)
+    return int(np.count_nonzero(sums)), len(sums)
 
 
 def _as_one(cut: _Cut) -> Hull | None:
@@ -374,7 +487,9 @@ class _Cut:
     `corners` (t, 4, 3) has the triangles, each with its foot, which is its middle before
     `group`; `middles` (t, 3), `normals` (t, 3). `walls` are the triangles before they were cut, but
     for those of closed holes. `owners` (t,) has the group of each triangle. `shells` are those that
-    were asked for.
+    were asked for. Faces that enclose nothing are sheets, with two triangles at each place, one on
+    either side; they are `sheet_share` of the area, and all of it is one with `is_sheet`. With
+    `is_simple` each triangle has the inside beneath and the outside above.
     """
 
     solid: Solid
@@ -386,6 +501,9 @@ class _Cut:
     groups: list[_Group]
     neighbours: list[set[int]]
     owners: Index
+    is_simple: bool = False
+    is_sheet: bool = False
+    sheet_share: float = 0.0
     shells: dict[float, FloatArray] = field(default_factory=dict)
 
     @classmethod
@@ -394,16 +512,47 @@ class _Cut:
 
         Faces from row `given` on close holes. Where a hole is a ring they fill what it goes round
         as well, twice: of their small triangles those count that have the inside beneath alone.
+
+        Raises
+        ------
+        InvalidShapeError
+            If nothing is inside.
         """
-        side = min(SIDE, FINER * error**0.5)
-        walls = solid.points[solid.faces[:given][solid.walls[:given]]]
-        triangles = pieces_of(walls, side)
+        side, closing_side = _sides(error)
+        walls = solid.points[solid.faces[:given]]
+        triangles, share = pieces_of(walls, side), 0.0
+        few = triangles[:: max(1, len(triangles) // TESTED)] if solid.whole else triangles
+        below, above = _inside_beside(solid, few, few.mean(axis=1)[:, None])
+        is_simple = bool((below & ~above).all())
+        if not is_simple:
+            triangles, sheets = _sorted_out(solid, triangles)
+            if not len(triangles):
+                raise InvalidShapeError("Nothing of the shape is inside it: it encloses nothing.")
+            areas = [float(np.linalg.norm(_area_vectors(some), axis=1).sum())
+                     for some in (triangles, sheets)]  # fmt: skip
+            share = areas[1] / sum(areas)
+            walls = triangles = np.concatenate([triangles, sheets, sheets[:, ::-1]])
         if given < len(solid.faces):
-            closing = pieces_of(solid.points[solid.faces[given:]], min(side, max(error, RIM)))
-            middles, beside = closing.mean(axis=1), BESIDE * _normals(closing)
-            parting = solid.contains(middles - beside) & ~solid.contains(middles + beside)
-            closing = closing[parting]
+            closing = pieces_of(solid.points[solid.faces[given:]], closing_side)
+            below, above = _inside_beside(solid, closing, closing.mean(axis=1)[:, None])
+            closing = closing[(below & ~above)[:, 0]]
             walls, triangles = (np.concatenate([some, closing]) for some in (walls, triangles))
+        cut = cls._of_triangles(solid, error, walls, triangles)
+        cut.is_simple, cut.sheet_share = is_simple, share
+        return cut
+
+    @classmethod
+    def of_sheet(cls, solid: Solid, error: float) -> _Cut:
+        """Cut a sheet that has each face from both sides."""
+        walls = solid.points[solid.faces]
+        cut = cls._of_triangles(solid, error, walls, pieces_of(walls, _sides(error)[0]))
+        cut.is_sheet = True
+        return cut
+
+    @classmethod
+    def _of_triangles(
+        cls, solid: Solid, error: float, walls: FloatArray, triangles: FloatArray
+    ) -> _Cut:
         middles, normals = triangles.mean(axis=1), _normals(triangles)
         corners = np.concatenate([triangles, middles[:, None]], axis=1)
         rows = np.arange(3 * len(walls), dtype=np.int32).reshape(-1, 3)
@@ -417,8 +566,6 @@ class _Cut:
         feet = self.middles - np.nan_to_num(radii, posinf=0.0)[:, None] * self.normals
         beside = ~self.solid.contains(feet)
         feet[beside] = (self.middles - THINNED * self.error * self.normals)[beside]
-        if beside.all() and not self.solid.contains(feet).any():
-            raise InvalidShapeError("Nothing of the shape is inside it: it encloses nothing.")
         self.corners[:, 3] = feet
         waiting = [_Group(self, np.arange(len(feet)))]
         shell = self.shell(self.error)
@@ -459,6 +606,8 @@ class _Cut:
         keys = (cells - cells.min(axis=0)) @ np.array([1 << 40, 1 << 20, 1])
         places = places[np.unique(keys, return_index=True)[1]]
         places = places[self.walls.distances(places)[0] > far * (1.0 - 1e-3)]
+        if not self.is_simple:
+            places = places[~self.solid.contains(places)]
         grid, least = self.grid
         grid = grid[least < error + 2.0 * GRID]
         away = self.walls.distances(grid)[0]
@@ -467,6 +616,20 @@ class _Cut:
     @cached_property
     def grid(self) -> tuple[FloatArray, FloatArray]:
         """Places of a grid outside of the solid, and how far away they are, at least."""
+        grid, least = self._whole_grid
+        outside = ~self.solid.contains(grid)
+        return grid[outside], least[outside]
+
+    def outside_grid(self, certain: bool) -> FloatArray:
+        """Return the grid outside of the solid; with `certain` also what is inside in doubt."""
+        if not certain:
+            return self.grid[0]
+        grid = self._whole_grid[0]
+        return grid[~self.solid.certainly_contains(grid)]
+
+    @cached_property
+    def _whole_grid(self) -> tuple[FloatArray, FloatArray]:
+        """Places of a grid, inside as well, and a lower bound of their distance to the surface."""
         from scipy.ndimage import distance_transform_edt
 
         low, high = extent(self.solid.points)
@@ -478,9 +641,7 @@ class _Cut:
         free[tuple(np.minimum(cells, size - 1).T)] = False
         # A wall is no farther from a corner of its small triangles, and that from its cell's place.
         least = distance_transform_edt(free, GRID).ravel() - (SIDE / 3**0.5 + 3**0.5 * GRID)
-        least = least[: len(grid)]
-        outside = ~self.solid.contains(grid)
-        return grid[outside], least[outside]
+        return grid, least[: len(grid)]
 
     def too_far(self, hull: Hull, shell: FloatArray) -> bool:
         """Tell whether a hull sticks out by more than the error."""
@@ -493,10 +654,45 @@ class _Cut:
         return places[~self.solid.contains(places)]
 
 
+def _sides(error: float) -> tuple[float, float]:
+    """Return the sides of small triangles, in diagonals, and of those that close holes."""
+    side = min(SIDE, FINER * error**0.5)
+    return side, min(side, max(error, RIM))
+
+
+def _sorted_out(solid: Solid, triangles: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the small triangles that bound the solid, turned outward, and those of sheets, once.
+
+    Both sides of a triangle are tested at its middle and near its corners, since it may be partly
+    inside of another part of the shape. Those that are inside as a whole are left out.
+    """
+    middles = triangles.mean(axis=1)
+    near = np.concatenate([middles[:, None], 0.1 * middles[:, None] + 0.9 * triangles], axis=1)
+    below, above = _inside_beside(solid, triangles, near)
+    outward = (below & ~above).any(axis=1)
+    inward = (above & ~below).any(axis=1) & ~outward
+    sheet = ~(below | above).any(axis=1)
+    once = np.unique(np.round(middles[sheet] / ROUNDING), axis=0, return_index=True)[1]
+    bounding = np.concatenate([triangles[outward], triangles[inward][:, ::-1]])
+    return bounding, triangles[sheet][np.sort(once)]
+
+
+def _inside_beside(solid: Solid, triangles: FloatArray, places: FloatArray) -> tuple[Mask, Mask]:
+    """Return whether it is inside just below and above places (t, k, 3) of triangles, (t, k)."""
+    beside = BESIDE * _normals(triangles)[:, None]
+    below, above = (solid.contains((places + way * beside).reshape(-1, 3)) for way in (-1.0, 1.0))
+    return below.reshape(places.shape[:2]), above.reshape(places.shape[:2])
+
+
+def _area_vectors(triangles: FloatArray) -> FloatArray:
+    """Return the normals of triangles, twice as long as their area."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    return np.cross(sides[:, 0], sides[:, 1])
+
+
 def _normals(triangles: FloatArray) -> FloatArray:
     """Return the unit normals of triangles, 0 where they have no area."""
-    sides = triangles[:, 1:] - triangles[:, :1]
-    return unit_rows(np.cross(sides[:, 0], sides[:, 1]))
+    return unit_rows(_area_vectors(triangles))
 
 
 def _neighbours(cut: _Cut) -> list[set[int]]:
@@ -628,24 +824,28 @@ def _measured(cut: _Cut, hulls: list[Hull], middle: FloatArray, scale: float) ->
         np.repeat(numbers, triangles),
         scale * _sticking_out(cut, hulls),
         scale * float(gaps.max(initial=0.0)),
-        _volume(hulls) / enclosed_volume(cut.solid.points, cut.solid.faces),
+        math.nan if cut.is_sheet else _volume_ratio(cut, hulls),
     )
 
 
-def _sticking_out(cut: _Cut, hulls: list[Hull]) -> float:
-    """Return how far hulls stick out of the solid at places on them, and of a grid in them."""
-    grid = cut.grid[0]
+def _sticking_out(cut: _Cut, hulls: list[Hull], certain: bool = False) -> float:
+    """Return how far hulls stick out of the solid at places on them, and of a grid in them.
+
+    With `certain` places count as inside only where that is certain.
+    """
+    grid = cut.outside_grid(certain)
     inside = distinct(np.concatenate([hull.rows(grid) for hull in hulls]))
     places = np.concatenate([hull.places for hull in hulls])
-    places = np.concatenate([places[~cut.solid.contains(places)], grid[inside]])
+    contains = cut.solid.certainly_contains if certain else cut.solid.contains
+    places = np.concatenate([places[~contains(places)], grid[inside]])
     far = 0.0
     for some in (places[::STRIDE], places):  # most are nearer than the farthest of some
         far = max(far, cut.walls.distances(some, enough=far)[0].max(initial=0.0))
     return float(far)
 
 
-def _volume(hulls: list[Hull]) -> float:
-    """Return the volume of the union of hulls."""
+def _volume_ratio(cut: _Cut, hulls: list[Hull]) -> float:
+    """Return the volume of the union of hulls over that of the solid, both at the same places."""
     low = np.min([hull.bounds[0] for hull in hulls], axis=0)
     high = np.max([hull.bounds[1] for hull in hulls], axis=0)
     steps = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])
@@ -653,4 +853,5 @@ def _volume(hulls: list[Hull]) -> float:
     held = np.zeros(IN_UNION, bool)
     for hull in hulls:
         held[hull.rows(places)] = True
-    return float(held.mean() * np.prod(high - low))
+    inside = np.count_nonzero(cut.solid.contains(places))
+    return float(np.count_nonzero(held) / inside) if inside else math.nan

@@ -5,20 +5,27 @@ together, as they may be faces of one part. Bodies that interpenetrate are one b
 of a character overlap, the surface of each lies inside of others. An overlap as shallow as `HAIR`
 does not join bodies: pins are pressed into bores, and exchange formats round positions.
 
-What lies where is told by signed distances: points of one body against the triangles of another
-one, of those pairs alone whose bounding boxes meet. Facets of round bodies lie off the smooth
-surface; `_sagittas` says how far, so that a pin and a bore of other facets touch, too.
+The relation of two bodies follows from signed distances of points of one body to the triangles of
+the other one, for pairs whose bounding boxes meet. Facets of round bodies are chords of a smooth
+surface (`Creases.own_bulges`), and distances are those of the smooth surfaces: a pin touches its
+bore even where both have other facets.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple
+
 import numpy as np
 
-from medialis.base.arrays import Described, Index, Mask, next_side, sums_of
+from medialis.base.arrays import Described, Index, Mask, kd_tree, sums_of
 from medialis.base.box_tree import NearestTree, nearest_on_triangles
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.shape.surface import Surface, piece_labels
+
+if TYPE_CHECKING:
+    from medialis.shape.shape import Shape
 
 CONTACT = 1e-5
 """Fraction of the diagonal: bodies less far apart touch. 1 um of a part of 100 mm: machines leave
@@ -31,14 +38,14 @@ NEAR = 1e-2
 """Fraction of the diagonal: balls of bodies less far apart are computed apart from each other. Half
 the distance of samples: more than any ball passes a surface by."""
 
-SMOOTH_BEND = np.radians(50.0)
-"""Edges that bend by less may be those of a round surface: of a cylinder of eight facets and more."""
+UNSURE = 0.3
+"""Fraction of the height of the smooth surface over a facet that this height may be wrong by."""
 
 GRID = 0.03
-"""Fraction of the diagonal: distance of points on large faces that are compared with other bodies."""
+"""Fraction of the diagonal: spacing of points on large faces, for the comparison with others."""
 
-MAX_GRID = 24
-"""Points along the side of a face, at most."""
+MAX_GRID = 100
+"""Points along the longest side of a face, or across it, at most."""
 
 PROBES = 9
 """Vertices of a component that tell whether it lies in another one."""
@@ -113,12 +120,14 @@ def find_bodies(surface: Surface) -> Bodies:
         return _alone(label)
     label, closed = _with_cavities(surface)
     pairs = _meeting_pairs(surface, label, len(closed))
-    sagittas, of_face = _sagittas(surface), label[surface.topology.faces[:, 0]]
-    solids = {k: _Solid(surface, np.flatnonzero(of_face == k)) for k in np.unique(pairs).tolist()}
+    bulges, of_face = _bulges(surface) if len(pairs) else None, label[surface.topology.faces[:, 0]]
+    solids = {
+        k: _Solid(surface, np.flatnonzero(of_face == k), bulges) for k in np.unique(pairs).tolist()
+    }
     meetings = {}
     for a, b in pairs.tolist():
         for one, other in ((a, b), (b, a)):
-            given = surface, solids[one], solids[other], bool(closed[other]), sagittas
+            given = solids[one], solids[other], bool(closed[other]), surface.diagonal
             meetings[one, other] = _Meeting.of(*given)
     depths = [max(meetings[a, b].depth, meetings[b, a].depth) for a, b in pairs.tolist()]
     deep = np.array(depths) > HAIR * surface.diagonal
@@ -133,7 +142,7 @@ def _numbered(
     meetings: dict[tuple[int, int], _Meeting],
     diagonal: float,
 ) -> Bodies:
-    """Number the bodies by their lowest point, and list where they touch."""
+    """Return the bodies in the order of their lowest points, and where they touch."""
     body = joined[label]
     _, first, number = np.unique(body, return_index=True, return_inverse=True)
     rank = np.empty(len(first), np.int64)
@@ -146,8 +155,9 @@ def _numbered(
         dict[tuple[int, int], list[_Meeting]](),
     )
     for a, b in pairs.tolist():
-        key = tuple(sorted((int(of_part[a]), int(of_part[b]))))
-        if key[0] == key[1]:
+        low, high = sorted((int(of_part[a]), int(of_part[b])))
+        key = low, high
+        if low == high:
             continue
         both = meetings[a, b], meetings[b, a]
         if min(one.gap for one in both) <= NEAR * diagonal:
@@ -201,14 +211,14 @@ def _closed_parts(surface: Surface, of_face: Index, count: int) -> tuple[Mask, F
     table = surface.edge_table
     direction = np.where(table.forward[table.order], 1, -1)
     open_edges = np.add.reduceat(direction, table.first[:-1]) != 0
-    closed = np.ones(count, np.bool_)
+    closed: Mask = np.ones(count, np.bool_)
     closed[of_face[table.order[table.first[:-1][open_edges]] // 3]] = False
     corners = surface.points[surface.topology.faces]
     sizes = np.bincount(of_face, minlength=count)
     middle = sums_of(of_face, corners.mean(axis=1), count) / sizes[:, None]
     corners = corners - middle[of_face][:, None]
     volume = np.einsum("fa,fa->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    return closed, np.bincount(of_face, volume, count)
+    return closed, np.asarray(np.bincount(of_face, volume, count), np.float64)
 
 
 def _around(surface: Surface, part: Index, of_face: Index, inner: int, outward: Mask) -> int | None:
@@ -231,26 +241,64 @@ def _around(surface: Surface, part: Index, of_face: Index, inner: int, outward: 
 class _Solid:
     """Some faces of a surface, and how far points lie outside of them."""
 
-    def __init__(self, surface: Surface, faces: Index) -> None:
+    def __init__(self, surface: Surface, faces: Index, bulges: FloatArray | None = None) -> None:
         from medialis.shape.normals import ring_normals
 
-        used, corners = np.unique(surface.topology.faces[faces], return_inverse=True)
-        self.vertices, self.faces = used, faces
-        self.mesh = Surface.of_checked(
-            surface.points[used], corners.reshape(-1, 3).astype(np.int32)
-        )
-        self._tree = NearestTree.of_triangles(self.mesh.points, self.mesh.topology.faces)
-        self._normals = ring_normals(self.mesh.points, self.mesh.topology.faces, smooth=False)
+        used, place = np.unique(surface.topology.faces[faces], return_inverse=True)
+        corners: IntArray = frozen(place.reshape(-1, 3).astype(np.int32), np.int32)
+        self.vertices = np.asarray(used, np.int64)
+        self.mesh = Surface.of_checked(surface.points[used], corners)
+        self.bulges = np.zeros((len(faces), 3)) if bulges is None else bulges[faces]
+        self._tree = NearestTree.of_triangles(self.mesh.points, corners)
+        self._normals = ring_normals(self.mesh.points, corners, smooth=False)
 
-    def distances(self, places: FloatArray) -> tuple[FloatArray, Index, FloatArray]:
-        """Return signed distances of places (q, 3), negative inside, nearest faces and normals."""
-        _, row = self._tree.distances(places)
+    def distances(self, places: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Compare positions with the smooth surface.
+
+        Parameters
+        ----------
+        places : (q, 3) float64
+
+        Returns
+        -------
+        distance : (q,) float64
+            Signed distance of the positions, negative inside.
+        height : (q,) float64
+            How far the smooth surface lies off the facet there, counted outward.
+        normals : (q, 3) float64
+            Outward directions there, not of unit length.
+        """
+        places = np.ascontiguousarray(places)
+        row = self._tree.distances(places)[1].astype(np.int64)
         corners = self.mesh.points[self.mesh.topology.faces[row]]
         weights = nearest_on_triangles(places, corners)
         away = places - np.einsum("qj,qja->qa", weights, corners)
         normals = self._normals_at(row, weights)
-        outward = np.einsum("qa,qa->q", away, normals)
-        return np.linalg.norm(away, axis=1) * np.sign(outward), row, normals
+        outward = np.sign(np.einsum("qa,qa->q", away, normals))
+        height = self.heights(row, weights)
+        return np.linalg.norm(away, axis=1) * outward - height, height, normals
+
+    @cached_property
+    def longest_edge(self) -> float:
+        """Length of the longest edge."""
+        return float(self.mesh.edge_lengths.max(initial=0.0))
+
+    def holds(self, mesh: Surface, far: Mask) -> bool:
+        """Return whether vertices of a mesh, all far from this surface, are inside.
+
+        Vertices that edges join are on the same side: one of each group is compared.
+        """
+        if not far.any():
+            return False
+        links = mesh.edges[far[mesh.edges].all(axis=1)]
+        groups = np.where(far, piece_labels(mesh.point_count, links), -1)
+        first = np.unique(groups, return_index=True)[1]
+        return bool((self.distances(mesh.points[first[far[first]]])[0] < 0.0).any())
+
+    def heights(self, faces: Index, weights: FloatArray) -> FloatArray:
+        """Return how far the smooth surface lies outward of positions on faces, (q,)."""
+        sides = weights * np.roll(weights, -1, axis=1)
+        return np.asarray(np.einsum("qj,qj->q", sides, self.bulges[faces]))
 
     def _normals_at(self, row: Index, weights: FloatArray) -> FloatArray:
         """Return normals at positions on faces that tell inside from outside, (q, 3).
@@ -272,23 +320,15 @@ class _Solid:
         return result
 
 
-def _sagittas(surface: Surface) -> FloatArray:
-    """How far the smooth surface may lie off each face, (m,), where its edges bend little.
+def _bulges(surface: Surface) -> FloatArray | None:
+    """`Creases.own_bulges` of a shape, (m, 3); None of a surface without normals."""
+    from medialis.shape.creases import find_creases
+    from medialis.shape.normals import CREASE_ANGLE
+    from medialis.shape.shape import Shape
 
-    A chord of width w between chords at an angle a lies w a / 8 off its circle, an equilateral
-    triangle on a sphere up to 2.7 times as much as its height and bends tell by that; half of it
-    is in between.
-    """
-    first, second, opposite = surface.edge_table.pairs
-    bends = np.where(opposite & (surface.edge_bends < SMOOTH_BEND), surface.edge_bends, 0.0)
-    corner = surface.topology.faces.ravel()
-    sides = surface.points[corner[next_side(first)]] - surface.points[corner[first]]
-    length = np.maximum(np.linalg.norm(sides, axis=1), 1e-300)
-    result = np.zeros(surface.face_count)
-    for half in (first, second):
-        height = 2.0 * surface.face_areas[half // 3] / length
-        np.maximum.at(result, half // 3, bends * height / 6.0)
-    return result
+    if not isinstance(surface, Shape):
+        return None
+    return find_creases(surface, CREASE_ANGLE).own_bulges
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,62 +353,88 @@ class _Meeting:
     touching: Index
 
     @classmethod
-    def of(
-        cls, surface: Surface, one: _Solid, other: _Solid, closed: bool, sagittas: FloatArray
-    ) -> _Meeting:
-        """Compare the vertices and faces of one body with another one; signs where it is closed."""
-        reach = NEAR * surface.diagonal
+    def of(cls, one: _Solid, other: _Solid, closed: bool, diagonal: float) -> _Meeting:
+        """Compare vertices and faces of one body with another one, with signs where it is closed.
+
+        `diagonal` is that of the whole.
+        """
+        reach = max(NEAR * diagonal, 0.5 * one.longest_edge) + other.longest_edge
         low, high = other.mesh.bounds[0] - reach, other.mesh.bounds[1] + reach
-        inside = ((one.mesh.points >= low) & (one.mesh.points <= high)).all(axis=1)
-        vertices = np.flatnonzero(inside)
-        places, faces, areas = _face_places(one.mesh, low, high, GRID * surface.diagonal)
-        count = len(vertices)
-        if count + len(places) == 0:
-            return cls(-np.inf, np.inf, 0.0, vertices)
-        distance, row, normals = other.distances(
-            np.concatenate([one.mesh.points[vertices], places])
+        within = (one.mesh.points >= low) & (one.mesh.points <= high)
+        inside = np.asarray(within[:, 0] & within[:, 1] & within[:, 2])
+        rows = np.flatnonzero(inside)
+        near = np.zeros(len(inside), np.bool_)
+        near[rows] = np.isfinite(
+            other.mesh.tree.query(one.mesh.points[rows], distance_upper_bound=reach)[0]
         )
-        slack = sagittas[other.faces[row]]
-        slack[count:] += sagittas[one.faces[faces]]
+        if closed and other.holds(one.mesh, inside & ~near):
+            return cls(np.inf, -np.inf, 0.0, rows[:0])
+        vertices: Index = np.flatnonzero(near)
+        on_faces = _places(one, near, GRID * diagonal)
+        count = len(vertices)
+        if count + len(on_faces.faces) == 0:
+            return cls(-np.inf, np.inf, 0.0, vertices)
+        places = np.concatenate([one.mesh.points[vertices], on_faces.places])
+        distance, height, normals = other.distances(places)
+        slack = np.abs(height)
+        slack[count:] += np.abs(on_faces.heights)
+        slack *= UNSURE
         deep = float((-distance - slack).max()) if closed else -np.inf
         distance = distance if closed else np.abs(distance)
-        touching = distance <= CONTACT * surface.diagonal + slack
-        facing = np.einsum("qa,qa->q", one.mesh.face_normals[faces], normals[count:])
-        lengths = np.linalg.norm(normals[count:], axis=1)
-        area = float(areas[touching[count:] & (facing < -0.5 * lengths)].sum())
+        touching = distance <= CONTACT * diagonal + slack
+        facing = np.einsum("qa,qa->q", one.mesh.face_normals[on_faces.faces], normals[count:])
+        facing = facing < -0.5 * np.linalg.norm(normals[count:], axis=1)
+        area = float(on_faces.areas[touching[count:] & facing].sum())
         return cls(deep, float(distance.min()), area, one.vertices[vertices[touching[:count]]])
 
 
-def _face_places(
-    mesh: Surface, low: FloatArray, high: FloatArray, spacing: float
-) -> tuple[FloatArray, Index, FloatArray]:
-    """Points on the faces of a mesh within a box: positions, their faces, the area of each."""
-    corners = mesh.points[mesh.topology.faces]
-    inside = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
-    rows = np.flatnonzero(inside.all(axis=1))
-    sides = np.linalg.norm(corners[rows] - np.roll(corners[rows], 1, axis=1), axis=2).max(axis=1)
-    parts = np.clip(np.ceil(sides / spacing), 1, MAX_GRID).astype(np.int64)
-    places, faces, areas = [], [], []
-    for k in np.unique(parts).tolist():
-        mine, weights = rows[parts == k], _middles(k)
-        places.append(np.einsum("wj,fja->fwa", weights, corners[mine]).reshape(-1, 3))
-        faces.append(np.repeat(mine, len(weights)))
-        areas.append(np.repeat(mesh.face_areas[mine] / len(weights), len(weights)))
-    if not places:
-        return np.empty((0, 3)), rows, np.empty(0)
-    everywhere, faces_of, area = map(np.concatenate, (places, faces, areas))
-    within = ((everywhere >= low) & (everywhere <= high)).all(axis=1)
-    return everywhere[within], faces_of[within], area[within]
+class _Places(NamedTuple):
+    """Positions on the smooth surface over faces, their faces, heights over them, and areas."""
+
+    places: FloatArray
+    faces: Index
+    heights: FloatArray
+    areas: FloatArray
 
 
-def _middles(parts: int) -> FloatArray:
-    """Return barycentric coordinates of the middles of the parts of a face, (parts^2, 3)."""
-    i, j = (g.ravel() for g in np.meshgrid(np.arange(parts), np.arange(parts), indexing="ij"))
-    up, down = i + j < parts, i + j < parts - 1
-    first = np.stack([i[up] + 1 / 3, j[up] + 1 / 3], axis=1)
-    second = np.stack([i[down] + 2 / 3, j[down] + 2 / 3], axis=1)
-    two = np.concatenate([first, second]) / parts
-    return np.column_stack([two, 1.0 - two.sum(axis=1)])
+def _places(solid: _Solid, near: Mask, spacing: float) -> _Places:
+    """Spread positions over the faces of a body with a vertex that is near the other body."""
+    mesh = solid.mesh
+    rows = np.flatnonzero(near[mesh.topology.faces].any(axis=1))
+    corners = mesh.points[mesh.topology.faces[rows]]
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+    first, longest = sides.argmax(axis=1), sides.max(axis=1)
+    height = 2.0 * mesh.face_areas[rows] / np.maximum(longest, 1e-300)
+    along, across = (
+        np.clip(np.ceil(length / spacing), 1, MAX_GRID).astype(np.int64)
+        for length in (longest, height)
+    )
+    found = [_Places(np.empty((0, 3)), rows[:0], np.empty(0), np.empty(0))]
+    for k in np.unique(along * (MAX_GRID + 1) + across).tolist():
+        count = divmod(k, MAX_GRID + 1)
+        mine = np.flatnonzero((along == count[0]) & (across == count[1]))
+        weights, shares = _grid(*count)
+        turn = (np.arange(3) - first[mine, None]) % 3
+        spread = weights[:, turn].transpose(1, 0, 2).reshape(-1, 3)
+        faces = np.repeat(rows[mine], len(weights))
+        heights = solid.heights(faces, spread)
+        places = np.einsum("qj,qja->qa", spread, np.repeat(corners[mine], len(weights), axis=0))
+        places += heights[:, None] * mesh.face_normals[faces]
+        areas = mesh.face_areas[faces] * np.tile(shares, len(mine))
+        found.append(_Places(places, faces, heights, areas))
+    columns: list[Any] = [np.concatenate(column) for column in zip(*found, strict=True)]
+    return _Places(*columns)
+
+
+def _grid(along: int, across: int) -> tuple[FloatArray, FloatArray]:
+    """Return positions along and across the first side of a face, (k, 3), and shares of its area.
+
+    As barycentric coordinates.
+    """
+    u = np.tile((np.arange(along) + 0.5) / along, across)
+    v = np.repeat((np.arange(across) + 0.5) / across, along)
+    weights = np.stack([(1.0 - v) * (1.0 - u), (1.0 - v) * u, v], axis=1)
+    return weights, 2.0 * (1.0 - v) / (along * across)
 
 
 def _meeting_pairs(surface: Surface, label: IntArray, count: int) -> Index:
@@ -386,3 +452,49 @@ def _meeting_pairs(surface: Surface, label: IntArray, count: int) -> Index:
         )
         pairs.append(np.stack([np.full(int(meets.sum()), one), one + 1 + np.flatnonzero(meets)], 1))
     return np.concatenate(pairs) if pairs else np.empty((0, 2), np.int64)
+
+
+def bodies_apart(shape: Shape) -> list[tuple[Shape, Index, Index]]:
+    """Divide a mesh into parts in which no bodies are near each other.
+
+    Returns
+    -------
+    list of (Shape, (k,) int64, (f,) int64)
+        Each part with its points and faces; the mesh itself where no bodies are near.
+    """
+    bodies = shape.body_contacts
+    turn = bodies.turns
+    if turn.max(initial=0) == 0:
+        return [(shape, np.arange(shape.point_count), np.arange(shape.face_count))]
+    return [shape.some_bodies(turn[bodies.label] == k) for k in range(int(turn.max()) + 1)]
+
+
+EQUALLY_NEAR, MOST_EQUAL = 1e-6, 12
+"""Relative difference of distances that are equal, and how many of them are compared."""
+
+
+def nearest_in_body(surface: Surface, known: Index, queries: Index, values: FloatArray) -> Index:
+    """Return the nearest of some known points in the same body for each query, (q,).
+
+    Parameters
+    ----------
+    surface : Surface
+    known : (k,) int64
+        Rows of points, at least one.
+    queries : (q,) int64
+        Rows of points. Those whose body has no known point get the nearest one of all.
+    values : (n,) float64
+        Of equally near points the one with the largest value is taken, so that the result does not
+        depend on rounding.
+    """
+    points, label = surface.points, surface.bodies
+    result = np.full(len(queries), -1, np.int64)
+    for body in np.unique(label[queries]).tolist():
+        own, rows = known[label[known] == body], np.flatnonzero(label[queries] == body)
+        own = own if len(own) else known
+        count = np.arange(1, min(MOST_EQUAL, len(own)) + 1)
+        distance, near = kd_tree(points[own]).query(points[queries[rows]], k=count)
+        equal = distance <= (1.0 + EQUALLY_NEAR) * distance[:, :1]
+        best = np.where(equal, values[own[near]], -np.inf).argmax(axis=1)
+        result[rows] = own[near[np.arange(len(rows)), best]]
+    return result

@@ -399,8 +399,9 @@ class Diagnosis(Described):
         """Return all fields by name, for JSON."""
         return asdict(self)
 
-    def summary(self) -> str:
-        """Return a few lines for people."""
+    def summary(self, unit: str | None = None) -> str:
+        """Return a few lines for people; `unit` is that of the points, where it is known."""
+        length, area, volume = (f" {unit}{power}" if unit else "" for power in ("", "²", "³"))
         if self.faces == 0:
             lines = [f"point cloud of {_counted(self.vertices, 'point')}"]
         else:
@@ -410,11 +411,11 @@ class Diagnosis(Described):
                 self._surface_line(),
             ]
         lines += self._trouble_lines()
-        size = f"diagonal {self.diagonal:.6g}, spacing {self.spacing:.6g}"
-        lines.append(f"{size} ({self.min_edge:.6g} to {self.max_edge:.6g})")
+        size = f"diagonal {self.diagonal:.6g}{length}, spacing {self.spacing:.6g}{length}"
+        lines.append(f"{size} ({self.min_edge:.6g} to {self.max_edge:.6g}{length})")
         if self.faces:
-            volume = "none" if self.volume is None else f"{self.volume:.6g}"
-            lines.append(f"area {self.area:.6g}, volume {volume}")
+            enclosed = "none" if self.volume is None else f"{self.volume:.6g}{volume}"
+            lines.append(f"area {self.area:.6g}{area}, volume {enclosed}")
         return "\n".join(lines)
 
     def _surface_line(self) -> str:

@@ -42,6 +42,7 @@ from medialis.shape.planes import find_planes
 from medialis.shape.repair import repaired
 from medialis.shape.shape import Shape, far_points
 from medialis.shape.surface import Surface
+from medialis.shape.upright import up_of_cloud
 
 
 class HasVertices(Protocol):
@@ -211,14 +212,16 @@ def read_shape(
     Parameters
     ----------
     path : path
-        PLY, OBJ, OFF, STL, 3MF or plain text points; glTF, Collada and others with the extra `io`;
-        STEP with the extra `cad`, whose faces become the `patches` of the shape.
+        PLY, OBJ, OFF, STL, 3MF, VTP, PCD or plain text points; glTF, Collada and others with the
+        extra `io`; LAS, LAZ and E57 with `scans`; STEP with `cad`, whose faces become the
+        `patches` of the shape.
     unit : str, optional
         What one unit of the file is: "mm", "cm", "m", "in", "ft", ... Else what the format says:
-        glTF, 3MF, Collada and STEP do, the others do not.
+        glTF, 3MF, Collada, STEP and E57 do, LAS may, the others do not.
     up : {"x", "y", "z"}, optional
-        The axis that points up in pictures. Else that of the format: y in glTF, z in STL, 3MF and
-        STEP, what a Collada file says; of the others it is guessed from the shape.
+        The axis that points up in pictures. Else that of the format: y in glTF, z in STL, 3MF,
+        STEP, LAS and E57, what a Collada file says; of others it is derived from the shape, z for
+        clouds that do not clearly stand on their lowest y.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
 
@@ -264,8 +267,9 @@ def read_shape(
     model = mesh.planes is not None
     normals = mesh.normals if model or mesh.faces is None else None
     views = None if normals is not None else mesh.viewpoints
+    up = up or mesh.up or (up_of_cloud(mesh.points) if mesh.faces is None else None)
     of_faces = mesh.patches, mesh.planes, mesh.bodies
-    told = _Told(views, unit or mesh.unit, *of_faces, up or mesh.up)
+    told = _Told(views, unit or mesh.unit, *of_faces, up)
     with progress.stage("prepare", 0.5, 1.0):
         try:
             return _made(mesh.points, mesh.faces, normals, told, True, progress)

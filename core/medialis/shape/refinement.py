@@ -20,7 +20,7 @@ creases, samples move to where the surfaces of both sides meet.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NoReturn
 
@@ -484,6 +484,54 @@ def _with_faces_of(shape: Shape, cut: Cut, scale: float) -> Shape:
             made[name] = values[cut.origin]
     if shape.cylinders is not None:
         made["cylinders"] = shape.cylinders.of_faces(cut.origin)
+    return shape.remade(**made)
+
+
+def with_refined_parts(
+    shape: Shape, parts: Sequence[tuple[Shape, NDArray[np.int64], NDArray[np.int64]]]
+) -> Shape:
+    """Return a shape whose bodies were refined one by one.
+
+    Parameters
+    ----------
+    shape : Shape
+        n vertices and m faces.
+    parts : sequence of (Shape, (k,) int64, (f,) int64)
+        Each refined part with the points and faces of the shape that it was made of
+        (`Shape.some_bodies`); together they are all faces.
+
+    Returns
+    -------
+    Shape
+        As `refine` returns it; the same object when no part has new points.
+    """
+    n = shape.point_count
+    if all(part.point_count == len(rows) for part, rows, _ in parts):
+        return shape
+    points, normals, faces, origin = [shape.points], [shape.normals], [], []
+    count = n
+    for part, vertices, rows in parts:
+        new = part.point_count - len(vertices)
+        place = np.concatenate([vertices, count + np.arange(new)])
+        points.append(part.points[len(vertices) :])
+        normals.append(part.normals[len(vertices) :])
+        faces.append(place[np.asarray(part.faces)])
+        origin.append(rows if part.face_origin is None else rows[part.face_origin])
+        count += new
+    given = np.concatenate(origin)
+    first = np.arange(n) if shape.origin is None else shape.origin
+    made: dict[str, Any] = {
+        "points": np.concatenate(points),
+        "normals": np.concatenate(normals),
+        "faces": np.concatenate(faces).astype(np.int32),
+        "origin": np.concatenate([first, np.full(count - n, -1)]).astype(np.int32),
+        "face_origin": given.astype(np.int32),
+    }
+    for name in ("face_origin", "face_map", "patches", "planes"):
+        if (values := getattr(shape, name)) is not None:
+            made[name] = values[given]
+    if shape.cylinders is not None:
+        made["cylinders"] = shape.cylinders.of_faces(given)
     return shape.remade(**made)
 
 

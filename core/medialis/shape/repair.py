@@ -160,10 +160,10 @@ def repair(
     """Repair a mesh or cloud without moving a vertex, in this order.
 
     - Drop points with NaN or infinity.
-    - Merge vertices at exactly the same position where the mesh has a boundary, and boundary edges
-      that rounding has parted; the first vertex stays, with the first normal that is not zero.
-      Bodies that only touch are kept apart (see `medialis.shape.welding`). All points of a cloud at
-      the same position are merged.
+    - Merge vertices at exactly the same position in components that are not closed, and boundary
+      edges that rounding has parted; the first vertex stays, with the first normal that is not
+      zero. Bodies that only touch are kept apart (see `medialis.shape.welding`). All points of a
+      cloud at the same position are merged.
     - Drop faces with a repeated corner. A face of three different corners without height (at most
       1e-12 of its longest edge) is merged into its neighbour by turning their common edge, which
       changes no surface; it is dropped where that is impossible.

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Index
 from medialis.base.errors import InvalidShapeError
 from medialis.base.options import as_unit
 from medialis.base.progress import Message
@@ -142,6 +143,34 @@ class Shape(Surface):
                 value.flags.writeable = False
         made.__dict__.update({one.name: getattr(self, one.name) for one in fields(self)} | arrays)
         return made
+
+    def some_bodies(self, chosen: NDArray[np.bool_]) -> tuple[Shape, Index, Index]:
+        """Return some bodies as a shape, with the rows of their points and faces here.
+
+        Parameters
+        ----------
+        chosen : (n,) bool
+            Points; whole bodies of a mesh.
+
+        Returns
+        -------
+        shape : Shape
+            What repair and refinement did is left out.
+        points : (k,) int64
+        faces : (f,) int64
+        """
+        assert self.faces is not None
+        points = np.flatnonzero(chosen)
+        faces = np.flatnonzero(chosen[self.faces[:, 0]])
+        place = np.cumsum(chosen, dtype=np.int32) - np.int32(1)
+        left = {"origin": None, "face_origin": None, "vertex_map": None, "face_map": None}
+        of_faces = {"patches": self.patches, "planes": self.planes}
+        named = {k: None if rows is None else rows[faces] for k, rows in of_faces.items()}
+        cylinders = None if self.cylinders is None else self.cylinders.of_faces(faces)
+        arrays = {"points": self.points[points], "normals": self.normals[points]}
+        corners = np.ascontiguousarray(place[self.faces[faces]])
+        made = self.remade(**arrays, faces=corners, cylinders=cylinders, **named, **left)
+        return made, points, faces
 
     @property
     def identity(self) -> Hashable:

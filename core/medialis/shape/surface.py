@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -516,9 +517,9 @@ class Surface(Bound):
     @cached_property
     def body_contacts(self) -> Bodies:
         """The bodies, where they touch, and which points do."""
-        from medialis.shape.bodies import find_bodies
-
-        return find_bodies(self)
+        # By name: finding bodies takes creases and normals, which rest on surfaces.
+        found: Bodies = import_module("medialis.shape.bodies").find_bodies(self)
+        return found
 
     @cached_property
     def closed_components(self) -> NDArray[np.bool_]:

@@ -4,9 +4,9 @@ Files store one vertex several times: once for each triangle (STL), for each fac
 for each seam of a texture, often with other rounding. Bodies that touch, on the other hand, have
 vertices at the same positions that are not one. `weld` tells the two apart in three steps:
 
-1. Boundary vertices at exactly the same position are merged, first within each body of the file,
-   then across bodies where a boundary is left. A closed component has no boundary vertices, so it
-   is never merged with a component that it touches.
+1. Vertices at exactly the same position are merged, first within each body of the file, then across
+   bodies where something is open. Closed components are left alone: none is merged with a component
+   that it touches.
 2. Boundary edges that run along each other within `weld_distance` are merged, where that collapses
    no face. The distance follows from the precision of the coordinates (`coordinate_step`).
 3. Files without shared vertices do not say which triangles form a body, so step 1 merges the
@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from numpy.typing import NDArray
 from medialis.base.arrays import EdgeTable, Index, Mask, first_equal_row, next_side, unit_rows
 from medialis.base.progress import Message, counted
 from medialis.base.validation import FloatArray, IntArray
-from medialis.shape.surface import Surface, piece_labels
+from medialis.shape.surface import Surface, Topology, piece_labels
 
 STEPS = 2.0
 """Weld distance in steps of the coordinates: two roundings of one position differ by one step in
@@ -57,6 +58,9 @@ grid, such as the corners of boxes, more are full double precision."""
 
 SINGLE_DIGITS = 9
 """Significant digits that identify a number in single precision."""
+
+FEW_NUMBERS = 5
+"""Distinct numbers of one order of magnitude that show how many decimals such numbers have."""
 
 MIN_SHARE = 0.02
 """Fraction of coordinates that show a precision, at least, or that contradict it, at most."""
@@ -112,7 +116,7 @@ class Weld:
                 f"Welded {counted(self.near, 'vertex')} of cracks at most {self.distance:.3g} from "
                 "another one, the precision of the coordinates, where that closes the mesh."
             )
-            data = {"vertices": self.near, "distance": self.distance}
+            data: dict[str, Any] = {"vertices": self.near, "distance": self.distance}
             result.append(Message(text, "cracks_welded", **data))
         if self.parted:
             text = f"Kept {self.parted} bodies apart that touch in shared vertices."
@@ -155,23 +159,29 @@ def weld(surface: Surface, bodies: IntArray | None = None) -> Weld:
         result = _merged(result, _stand_ins(surface), exact=True)
     elif surface.topology.is_solid:
         return result
-    # First within the bodies of the file, then across them where a boundary is left.
-    table = EdgeTable.of(result.faces, len(result.first)) if result.exact else surface.edge_table
+    # First within the bodies of the file, then across them where something is left open.
     for label in (None,) if bodies is None else (_vertex_labels(faces, bodies, n), None):
-        border = np.zeros(len(result.first), np.bool_)
-        border[table.ends[table.counts != 2]] = True
-        here = np.flatnonzero(border)
+        now = Topology(result.faces, len(result.first)) if result.exact else surface.topology
+        here = np.flatnonzero(_open_vertices(now))
         rows = first_equal_row(points[result.first[here]])
         if label is not None:
             rows = first_equal_row(np.stack([rows, label[result.first[here]], 0 * rows], axis=1))
         first = np.arange(len(result.first))
         first[here] = here[rows]
         result = _merged(result, first, exact=True)
-        table = EdgeTable.of(result.faces, len(result.first))
+    table = EdgeTable.of(result.faces, len(result.first)) if result.exact else surface.edge_table
     result = _without_cracks(points, result, table)
     if not result.exact and not result.near and not (table.counts > 2).any():
         return result
     return _parted(surface, result)
+
+
+def _open_vertices(topology: Topology) -> Mask:
+    """Vertices of components with an edge that does not have two faces, (n,)."""
+    table, component = topology.edge_table, topology.components
+    is_open = np.zeros(int(component.max(initial=-1)) + 1, np.bool_)
+    is_open[component[table.low[table.counts != 2]]] = True
+    return is_open[component]
 
 
 def _stand_ins(surface: Surface) -> Index:
@@ -252,11 +262,14 @@ def coordinate_step(points: FloatArray) -> float:
     text = digits <= MAX_DIGITS
     if np.mean(~text) > MIN_SHARE or digits[text].max() < MIN_DIGITS:
         return float(np.spacing(largest))
-    top = text & (values >= 0.1 * largest)
-    if decimals[top].max() >= decimals[text].max():
-        return float(10.0 ** -decimals[top].max())
-    leading = math.floor(math.log10(largest)) + 1
-    return float(10.0 ** (leading - digits[text].max()))
+    distinct, first = np.unique(values[text], return_index=True)
+    leading = np.floor(np.log10(distinct)).astype(np.int64) + 1
+    decimals, digits = decimals[text][first], digits[text][first]
+    counts = np.bincount(leading - leading.min())
+    highest = leading.min() + np.flatnonzero(counts >= min(FEW_NUMBERS, counts.max())).max()
+    if decimals[leading == highest].max() >= decimals.max():
+        return float(10.0 ** -decimals.max())
+    return float(10.0 ** (leading.max() - digits.max()))
 
 
 def _decimal_digits(values: FloatArray) -> tuple[Index, Index]:
@@ -280,10 +293,11 @@ def _without_cracks(points: FloatArray, weld: Weld, table: EdgeTable) -> Weld:
     if len(odd) < 2:
         return weld
     distance = weld_distance(points)
+    odd = _beside_cracks(at, table, odd, distance)
     net = np.add.reduceat(np.where(table.forward[table.order], 1, -1), table.first[:-1])[odd]
     start = np.where(net > 0, table.low[odd], table.high[odd])
     end = np.where(net > 0, table.high[odd], table.low[odd])
-    links = _crack_links(at, start.astype(np.int64), end.astype(np.int64), distance)
+    links, matched = _crack_links(at, start.astype(np.int64), end.astype(np.int64), distance)
     if len(links) == 0:
         return weld
     a, b, c = weld.faces.T
@@ -295,19 +309,34 @@ def _without_cracks(points: FloatArray, weld: Weld, table: EdgeTable) -> Weld:
         corners = label[weld.faces[proper]]
         folded = (corners == np.roll(corners, 1, axis=1)).any(axis=1)
         far = np.linalg.norm(at - at[first[label]], axis=1) > 2.0 * distance
-        wrong = np.union1d(corners[folded], label[far])
-        bad = np.isin(label[links[:, 0]], wrong) & (links[:, 0] != links[:, 1])
-        if not bad.any():
+        bad = np.zeros(len(first), np.bool_)
+        bad[corners[folded]] = bad[label[far]] = True
+        kept = ~bad[label[links[:, 0]]]
+        if kept.all():
             return _merged(weld, first[label], exact=False, distance=distance)
-        links = links[~bad]
+        # Once more with the best matches alone, then without.
+        again = matched[bad[label[matched[:, 0]]]]
+        links, matched = np.concatenate([links[kept], again]), matched[:0]
     return weld
 
 
-def _crack_links(at: FloatArray, start: Index, end: Index, distance: float) -> Index:
-    """Pairs of vertices at both sides of cracks, (k, 2).
+def _beside_cracks(at: FloatArray, table: EdgeTable, odd: Index, distance: float) -> Index:
+    """Edges of an odd number of faces, and those whose ends are both near ends of such edges.
 
-    Each boundary edge is matched with at most one other edge: the nearest one, one that runs the
-    opposite way first. Both are each other's nearest among the edges that are left.
+    Where bodies touch, faces of both may share an edge while their own neighbours share another.
+    """
+    from scipy.spatial import cKDTree
+
+    ends = np.unique(table.ends[odd])
+    near = np.isfinite(cKDTree(at[ends]).query(at, distance_upper_bound=distance)[0])
+    return np.union1d(odd, np.flatnonzero(near[table.ends].all(axis=1)))
+
+
+def _crack_links(at: FloatArray, start: Index, end: Index, distance: float) -> tuple[Index, Index]:
+    """Pairs of vertices at both sides of cracks, (k, 2), and those of the best matches.
+
+    Boundary edges within the distance of each other are linked: several where bodies touch. Of the
+    best matches each edge has at most one: the nearest, one that runs the opposite way first.
     """
     from scipy.spatial import cKDTree
 
@@ -331,9 +360,15 @@ def _crack_links(at: FloatArray, start: Index, end: Index, distance: float) -> I
         low, high = np.minimum(i, j)[fits], np.maximum(i, j)[fits]
         order = np.lexsort((high, low, apart[fits]))
         pairs.append(np.stack([low, high, np.full(len(low), turned)], axis=1)[order])
-    matched = _mutual_nearest(np.concatenate(pairs), len(start))
-    i, j, turned = matched.T
-    first, last = np.where(turned, end[j], start[j]), np.where(turned, start[j], end[j])
+    every = np.concatenate(pairs)
+    best = _mutual_nearest(every, len(start))
+    return _ends_of(every, start, end), _ends_of(best, start, end)
+
+
+def _ends_of(pairs: Index, start: Index, end: Index) -> Index:
+    """Pairs of vertices at the ends of pairs of edges (i, j, whether they run opposite ways)."""
+    i, j, opposite = pairs.T
+    first, last = np.where(opposite, end[j], start[j]), np.where(opposite, start[j], end[j])
     return np.stack([np.r_[start[i], end[i]], np.r_[first, last]], axis=1)
 
 

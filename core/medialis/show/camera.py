@@ -21,6 +21,7 @@ from medialis.base.validation import (
     frozen,
 )
 from medialis.shape.shape import Shape
+from medialis.shape.upright import footprint, up_of_cloud
 
 FIELD_OF_VIEW = math.radians(30.0)
 """Vertical field of view of a perspective camera that `Camera.framing` makes."""
@@ -113,16 +114,6 @@ def swept(
     return np.concatenate(rings), np.concatenate(sizes)
 
 
-def _footprint(points: FloatArray, axis: int) -> float:
-    """Return the bounding area of the lowest 4 % of the height over that of the whole, 0..1."""
-    height = points[:, axis]
-    low = height.min()
-    ground = np.delete(points, axis, axis=1)
-    feet = ground[height <= low + 0.04 * (height.max() - low)]
-    whole = np.ptp(ground, axis=0).prod()
-    return float(np.ptp(feet, axis=0).prod() / whole) if whole > 0 else 0.0
-
-
 def default_view(points: ArrayLike, up: str | None = None) -> tuple[FloatArray, FloatArray]:
     """Return (direction from the shape to the camera, up): a three-quarter view of its broad side.
 
@@ -157,7 +148,7 @@ def default_view(points: ArrayLike, up: str | None = None) -> tuple[FloatArray, 
     clear = variances[0] < 0.8 * variances[1]
     lying = clear and abs(thin[1]) > 0.8
     facing = clear and abs(thin[2]) > 0.8
-    standing = not facing and _footprint(offsets, 2) > 1.5 * _footprint(offsets, 1) + 0.05
+    standing = not facing and footprint(offsets, 2) > 1.5 * footprint(offsets, 1) + 0.05
     upward = np.eye(3)[AXES.index(up) if up else 2 if lying or standing else 1]
     front = thin - upward * float(thin @ upward)
     lies = clear and np.linalg.norm(front) < 0.6  # with what is given as up
@@ -194,7 +185,7 @@ def shape_view(shape: Shape) -> tuple[FloatArray, FloatArray]:
     [0.0, 0.0, 1.0]
     """
     if shape.faces is None or not shape.face_areas.sum() > 0:
-        return default_view(shape.points, shape.up)
+        return default_view(shape.points, shape.up or up_of_cloud(shape.points))
     reached = np.cumsum(shape.face_areas)
     row = np.arange(SPREAD)
     face = np.searchsorted(reached, (row + 0.5) / SPREAD * reached[-1])

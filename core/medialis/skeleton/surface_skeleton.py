@@ -15,10 +15,11 @@ operation takes its balls from here.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +35,13 @@ from medialis.shape.creases import Creases, find_creases
 from medialis.shape.noise import noise_above, smooth_noise
 from medialis.shape.normals import CREASE_ANGLE
 from medialis.shape.reading import ShapeLike, as_shape
-from medialis.shape.refinement import RefineOptions, affordable_edge, on_smooth_surface, refine
+from medialis.shape.refinement import (
+    RefineOptions,
+    affordable_edge,
+    on_smooth_surface,
+    refine,
+    with_refined_parts,
+)
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import (
     COLUMNS,
@@ -63,6 +70,9 @@ surfaces, normals between those of the sides mean nothing."""
 
 FOLDED = 3.0  # halved 8 %, doubled 0 %
 """Radians: faces that bend by more lie on each other; nothing lies between their normals."""
+
+MAX_TOLERANCE = 0.1
+"""Fraction of the diagonal."""
 
 FLAT_SHARE = 1e-9  # halved 0 %, doubled 0 %
 """Of the largest spread of points: where the least is below, the shape is flat to rounding."""
@@ -187,29 +197,183 @@ def maximal_balls(
     Triangles constrain the balls of a mesh as well as its samples (`Walls`). Inner balls that the
     tolerance lets through a wall get the largest of tolerance / 10, tolerance / 100, ... that does
     not; only those balls are computed again, on the same tree. A sample on
-    a convex crease gets the ball that fits into the crease just beside it. `out_walls` gets the
-    walls of a mesh, for `with_fans`.
+    a convex crease gets the ball that fits into the crease just beside it.
+
+    Inner balls lie in the body of their sample: bodies that touch or nearly touch
+    (`Surface.bodies`) do not constrain each other's balls. Outer balls are constrained by all.
+    `out_walls` gets the walls of a mesh, for `with_fans`: those of each `_ball_sets`.
     """
-    with progress.stage("samples", 0.0, 0.45):
-        cloud, tree = shrink(shape, options, progress)
-    if shape.faces is None:
-        cloud = _with_lower_tolerance(cloud, tree, None, options, progress)
-    else:
-        with progress.stage("triangles", 0.45, 1.0):
-            walls = run_patiently(
-                lambda: Walls.of(find_creases(shape, options.creases), tree), progress
-            )
-            cloud = walls.constrain(cloud, options.tolerance, progress)
-        cloud = _with_lower_tolerance(cloud, tree, walls, options, progress)
-        cloud = with_edge_balls(cloud, walls, options.tolerance)
-        if out_walls is not None:
+    sets, found, cured = _ball_sets(shape, options, progress), [], Cured()
+    for k, one in enumerate(sets):
+        with progress.stage("bodies", k / len(sets), (k + 1) / len(sets)):
+            cloud, walls = _balls_together(one, progress, cured)
+        found.append(cloud)
+        if out_walls is not None and walls is not None:
             out_walls.append(walls)
+    cloud = _put_together(shape, sets, found)
+    cured.note(options.tolerance, shape.point_count, progress)
     note_outcome(cloud, options.tolerance, progress)
+    if shape.part_count > 1 and options.side != "outer":
+        _note_contacts(shape, progress)
     return cloud
 
 
+def _note_contacts(shape: Shape, progress: Progress) -> None:
+    """Report bodies that touch."""
+    contacts = shape.body_contacts.contacts
+    if not contacts:
+        return
+    bodies = len({number for contact in contacts for number in contact.bodies})
+    overlap = max(0.0, *(-contact.gap for contact in contacts))
+    area = sum(contact.area for contact in contacts)
+    text = (
+        f"{bodies:,} bodies touch in {counted(len(contacts), 'contact')}: each has balls of its "
+        "own, as if it were alone."
+    )
+    data: dict[str, Any] = {
+        "contacts": len(contacts),
+        "bodies": bodies,
+        "area": area,
+        "overlap": overlap,
+    }
+    progress.note(text, "contacts", **data)
+
+
+@dataclass(frozen=True, eq=False)
+class _BallSet:
+    """Samples whose balls are computed together, and on which sides.
+
+    Attributes
+    ----------
+    shape : Shape
+        The whole shape, or bodies of it that are not near each other.
+    options : BallOptions
+        With lengths as fractions of the diagonal of that shape.
+    samples, faces : (k,) and (f,) int64, or None
+        Its rows in the whole shape; None for the whole.
+    """
+
+    shape: Shape
+    options: BallOptions
+    samples: Index | None = None
+    faces: Index | None = None
+
+    def to_whole(self, cloud: MedialCloud, whole: Shape) -> MedialCloud:
+        """Return balls of this set as balls of the whole shape."""
+        if self.samples is None or self.faces is None:
+            return cloud
+        samples, faces = (
+            np.append(rows, -1).astype(np.int32) for rows in (self.samples, self.faces)
+        )
+        columns: dict[str, Any] = {name: getattr(cloud, name) for name in COLUMNS}
+        columns["source"] = samples[cloud.source]
+        columns["features"] = samples[cloud.features]
+        columns["contact_faces"] = faces[cloud.contact_faces]
+        return MedialCloud(**columns, surface=whole)
+
+    def of_whole(self, cloud: MedialCloud) -> MedialCloud:
+        """Return the balls of the samples of this set on its sides, as balls of its shape."""
+        sides = {"inner": (1,), "outer": (-1,), "both": (1, -1)}[self.options.side]
+        n, mine = cloud.surface.point_count, np.isin(cloud.side, sides)
+        if self.samples is None or self.faces is None:
+            return cloud if mine.all() else cloud.subset(mine)
+        place, face = (
+            np.full(n + 1, -1, np.int32),
+            np.full(cloud.surface.face_count + 1, -1, np.int32),
+        )
+        place[self.samples] = np.arange(len(self.samples))
+        face[self.faces] = np.arange(len(self.faces))
+        rows = np.flatnonzero(mine & (place[cloud.source] >= 0))
+        columns: dict[str, Any] = {name: getattr(cloud, name)[rows] for name in COLUMNS}
+        for name, number in (("source", place), ("features", place), ("contact_faces", face)):
+            columns[name] = number[columns[name]]
+        return MedialCloud(**columns, surface=self.shape)
+
+
+def _ball_sets(shape: Shape, options: BallOptions, progress: Progress) -> list[_BallSet]:
+    """Return what balls are computed together: the whole shape where no bodies touch.
+
+    Where tolerances by body were chosen (`Options.by_body`), each body that is near others is a
+    set of its own, as if it were alone. Else the tolerance is a length, and bodies that are not
+    near each other form a set (`Bodies.turns`).
+    """
+    if shape.faces is None or options.side == "outer":
+        return [_BallSet(shape, options)]
+    bodies = run_patiently(lambda: shape.body_contacts, progress)
+    tolerances = _of_bodies(shape, options, "tolerance")
+    alone = _lone_bodies(shape) if tolerances else None
+    turn = bodies.turns if alone is None else alone
+    if turn.max(initial=0) == 0:
+        return [_BallSet(shape, options)]
+    sets = []
+    for number in np.unique(turn):
+        part, samples, faces = shape.some_bodies(turn[bodies.label] == number)
+        share = shape.diagonal / part.diagonal
+        tolerance = options.tolerance * share if alone is None else tolerances[number]
+        own = replace(options, side="inner", tolerance=min(tolerance, MAX_TOLERANCE), by_body=())
+        sets.append(_BallSet(part, own, samples, faces))
+    if options.side == "both":
+        sets.append(_BallSet(shape, replace(options, side="outer")))
+    return sets
+
+
+def _put_together(shape: Shape, sets: list[_BallSet], found: list[MedialCloud]) -> MedialCloud:
+    """Return the balls of all sets, inner ones in the order of the samples, then outer ones."""
+    if len(sets) == 1:
+        return found[0]
+    balls = [one.to_whole(cloud, shape) for one, cloud in zip(sets, found, strict=True)]
+    columns: dict[str, Any] = {
+        name: np.concatenate([getattr(cloud, name) for cloud in balls]) for name in COLUMNS
+    }
+    order = np.lexsort((columns["source"], -columns["side"]))
+    return MedialCloud(**{name: rows[order] for name, rows in columns.items()}, surface=shape)
+
+
+@dataclass
+class Cured:
+    """Samples that got a lower tolerance, and the lowest one as a fraction of the diagonal."""
+
+    samples: int = 0
+    lowest: float = math.inf
+
+    def note(self, tolerance: float, of: int, progress: Progress) -> None:
+        """Report how many there are."""
+        if self.samples:
+            verbs = "lies", "lie"
+            text = (
+                f"{counted(self.samples, 'sample', of=of, verbs=verbs)} where the shape is finer "
+                f"than the tolerance of {100 * tolerance:.3g} % of the diagonal; one of down to "
+                f"{100 * self.lowest:.3g} % was taken there."
+            )
+            data: dict[str, Any] = {"samples": self.samples, "of": of, "tolerance": self.lowest}
+            progress.note(text, "thin_walls", **data)
+
+
+def _balls_together(
+    given: _BallSet, progress: Progress, cured: Cured
+) -> tuple[MedialCloud, Walls | None]:
+    """Shrink the balls of one set; return them with the walls of a mesh."""
+    shape, options = given.shape, given.options
+    with progress.stage("samples", 0.0, 0.45):
+        cloud, tree = shrink(shape, options, progress)
+    if shape.faces is None:
+        return _with_lower_tolerance(cloud, tree, None, options, progress, cured), None
+    with progress.stage("triangles", 0.45, 1.0):
+        walls = run_patiently(
+            lambda: Walls.of(find_creases(shape, options.creases), tree), progress
+        )
+        cloud = walls.constrain(cloud, options.tolerance, progress)
+    cloud = _with_lower_tolerance(cloud, tree, walls, options, progress, cured)
+    return with_edge_balls(cloud, walls, options.tolerance), walls
+
+
 def _with_lower_tolerance(
-    cloud: MedialCloud, tree: BoxTree, walls: Walls | None, options: BallOptions, progress: Progress
+    cloud: MedialCloud,
+    tree: BoxTree,
+    walls: Walls | None,
+    options: BallOptions,
+    progress: Progress,
+    cured: Cured,
 ) -> MedialCloud:
     """Give the balls that the tolerance lets through a wall a lower one: `overwritten`."""
     shape, tolerance = cloud.surface, options.tolerance
@@ -231,24 +395,19 @@ def _with_lower_tolerance(
     exact = shrink_again(hidden, 0.0)
     curable = ~went_through(exact)  # others have another reason
     hidden, exact, finer = hidden[curable], exact.subset(curable), tolerance
-    count, rows, cured = len(hidden), [], []
+    count, rows, again = len(hidden), [], []
     while len(hidden):
         finer = finer / 10 if finer > THINNEST else 0.0
         balls = shrink_again(hidden, finer) if finer > 0 else exact
         seen = ~went_through(balls)
         rows.append(hidden[seen])
-        cured.append(balls.subset(seen))
+        again.append(balls.subset(seen))
         hidden, exact = hidden[~seen], exact.subset(~seen)
     if count:
-        columns = {n: np.concatenate([getattr(one, n) for one in cured]) for n in COLUMNS}
+        columns = {n: np.concatenate([getattr(one, n) for one in again]) for n in COLUMNS}
         cloud = overwritten(cloud, np.concatenate(rows), **columns)
-        of = shape.point_count
-        text = (
-            f"{counted(count, 'sample', of=of, verbs=('lies', 'lie'))} where the shape is finer "
-            f"than the tolerance of {100 * tolerance:.3g} % of the diagonal; one of down to "
-            f"{100 * finer:.3g} % was taken there."
-        )
-        progress.note(text, "thin_walls", samples=count, of=of, tolerance=finer)
+        cured.samples += count
+        cured.lowest = min(cured.lowest, finer)
     return cloud
 
 
@@ -275,19 +434,14 @@ def with_fans(
         The rows given, then those of fans, then those between samples: `source` tells the sample at
         the crease. The cloud itself where there is no crease.
     """
-    shape = cloud.surface
+    shape, parts = cloud.surface, [cloud]
     if shape.faces is None:
         return cloud
-    find = partial(find_creases, shape, options.creases)
-    creases = walls[0].creases if walls else run_patiently(find, progress)
-    if len(creases.half_edges) == 0:
-        return cloud
-    if not walls:
-        tree = sample_tree(shape, progress)
-        walls = [run_patiently(lambda: Walls.of(creases, tree), progress)]
-    signs = [s for s in np.unique(cloud.side).tolist() if (creases.concave == (s > 0)).any()]
-    fans = [_balls(walls[0], *_directions(cloud, creases, s), s, options, progress) for s in signs]
-    parts = [cloud, *fans, between_samples(cloud, walls[0], options.tolerance)]
+    sets = _ball_sets(shape, options, progress)
+    for k, one in enumerate(sets):
+        mine, known = one.of_whole(cloud), walls[k] if walls else None
+        found = _fans_together(mine, one.options, progress, known)
+        parts += [one.to_whole(balls, shape) for balls in found]
     if sum(map(len, parts)) == len(cloud):
         return cloud
     columns: dict[str, Any] = {
@@ -296,6 +450,24 @@ def with_fans(
     result = replace(cloud, **columns)
     result.__dict__["own"] = cloud  # the same cloud, so that what is kept of it serves both
     return result
+
+
+def _fans_together(
+    cloud: MedialCloud, options: BallOptions, progress: Progress, walls: Walls | None
+) -> list[MedialCloud]:
+    """Return the balls of fans and those between samples of one set."""
+    shape = cloud.surface
+    creases = walls.creases if walls else None
+    if creases is None:
+        creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
+    if len(creases.half_edges) == 0:
+        return []
+    if walls is None:
+        tree = sample_tree(shape, progress)
+        walls = run_patiently(lambda: Walls.of(creases, tree), progress)
+    signs = [s for s in np.unique(cloud.side).tolist() if (creases.concave == (s > 0)).any()]
+    fans = [_balls(walls, *_directions(cloud, creases, s), s, options, progress) for s in signs]
+    return [*fans, between_samples(cloud, walls, options.tolerance)]
 
 
 def _directions(cloud: MedialCloud, creases: Creases, sign: int) -> tuple[IntArray, FloatArray]:
@@ -343,10 +515,6 @@ def _balls(
     return balls.subset(balls.valid & ~at_own & ~outside)  # in folds a direction may look outward
 
 
-MAX_TOLERANCE = 0.1
-"""Fraction of the diagonal."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Preparation(Options):
     """Options of what comes before everything that rests on balls."""
@@ -386,6 +554,33 @@ class Preparation(Options):
         """Return the size that automatic lengths are fractions of, in diagonals of the shape."""
         return 1.0
 
+    def with_auto_resolved(self, data: Any, progress: Progress) -> Self:
+        """Replace "auto" by numbers; where bodies touch, choose numbers for each of them."""
+        starts = self.auto_starts()
+        if isinstance(data, Shape) and {"tolerance", "refine"} & set(starts):
+            by_body = self._by_body(data, starts, progress)
+            return replace(super().with_auto_resolved(data, progress), by_body=by_body)
+        return super().with_auto_resolved(data, progress)
+
+    def _by_body(
+        self, shape: Shape, starts: Mapping[str, float], progress: Progress
+    ) -> tuple[tuple[str, tuple[float, ...]], ...]:
+        """Choose lengths for each group of `_lone_bodies`; none where there are no groups."""
+        number = run_patiently(lambda: _lone_bodies(shape), progress)
+        if number is None or _without_noise(shape, self.denoise, progress)[0] is not shape:
+            return ()
+        chosen: dict[str, list[float]] = {n: [] for n in ("tolerance", "refine") if n in starts}
+        for group in range(int(number.max()) + 1):
+            mine = number[shape.bodies] == group
+            part = shape.some_bodies(mine)[0] if mine.any() else shape
+            scale = run_patiently(partial(self.size_scale, part), progress)
+            if "tolerance" in chosen:
+                chosen["tolerance"].append(min(scale * starts["tolerance"], MAX_TOLERANCE))
+            if "refine" in chosen:
+                edge = partial(auto_longest_edge, part, min(scale * starts["refine"], 1.0))
+                chosen["refine"].append(run_patiently(edge, progress))
+        return tuple((name, tuple(values)) for name, values in chosen.items())
+
     def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress
     ) -> dict[str, float]:
@@ -393,12 +588,15 @@ class Preparation(Options):
 
         The tolerance is at least the noise that smoothing leaves. The longest edge grows until the
         number of samples is in proportion to the mesh (`affordable_edge`); a dense mesh keeps its
-        vertices, and a point cloud is not refined.
+        vertices, and a point cloud is not refined. Where bodies touch, each has lengths of its own,
+        as if it were alone (`Options.by_body`); the largest ones are reported.
         """
         if not isinstance(data, Shape) or not {"tolerance", "refine"} & set(starts):
             return {}
         scale = run_patiently(lambda: self.size_scale(data), progress)
         clean, _, left = _without_noise(data, self.denoise, progress)
+        if by_body := self._by_body(data, starts, progress):
+            return {name: max(values) for name, values in by_body}
         chosen = {}
         if "tolerance" in starts:
             noise = 0.0 if clean is data else left / data.diagonal
@@ -594,12 +792,17 @@ def _without_noise(shape: Shape, denoise: str, progress: Progress) -> tuple[Shap
 def _refined(
     shape: Shape, options: Preparation, progress: Progress, finer: Finer | None = None
 ) -> Shape:
-    """Refine a coarse mesh and say so."""
+    """Refine a coarse mesh and report it; see `Options.by_body`."""
     fraction = options.refine
     if fraction == 0.0 or shape.faces is None:
         return shape
+    each = ""
     with progress.stage("refine", 0.0, 0.1):
-        fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
+        if edges := _of_bodies(shape, options, "refine"):
+            each = " of each body"
+            fine = _refined_bodies(shape, edges, progress)
+        else:
+            fine = refine.of(shape, RefineOptions(longest_edge=fraction), progress)
     if finer is not None:
         fine = finer(fine)
     if fine is not shape:
@@ -607,8 +810,8 @@ def _refined(
             creases = run_patiently(lambda: find_creases(shape, options.creases), progress)
             fine = run_patiently(lambda: on_smooth_surface(shape, fine, creases), progress)
         progress.note(
-            f"The mesh was refined: {shape.point_count:,} vertices became "
-            f"{fine.point_count:,} samples, at most {100 * fraction:.3g} % of the diagonal apart "
+            f"The mesh was refined: {shape.point_count:,} vertices became {fine.point_count:,} "
+            f"samples, at most {100 * fraction:.3g} % of the diagonal{each} apart "
             "(refine = 0 turns this off).",
             "refined",
             vertices=shape.point_count,
@@ -618,12 +821,50 @@ def _refined(
     return fine
 
 
+def _refined_bodies(shape: Shape, edges: tuple[float, ...], progress: Progress) -> Shape:
+    """Refine each group of bodies to edges of a fraction of its own diagonal."""
+    number, parts = _lone_bodies(shape), []
+    assert number is not None
+    for group in np.unique(number).tolist():
+        part, points, faces = shape.some_bodies(number[shape.bodies] == group)
+        fine = refine.of(part, RefineOptions(longest_edge=edges[group]), progress.still)
+        parts.append((fine, points, faces))
+    return with_refined_parts(shape, parts)
+
+
+def _of_bodies(shape: Shape, options: Options, name: str) -> tuple[float, ...]:
+    """Return the lengths of a name for each group of `_lone_bodies`; () where they do not fit."""
+    lengths = dict(options.by_body).get(name, ())
+    number = _lone_bodies(shape) if lengths else None
+    return lengths if number is not None and len(lengths) == number.max() + 1 else ()
+
+
 def auto_longest_edge(shape: Shape, fraction: float) -> float:
     """Return the longest edge for a mesh, as a fraction of its diagonal, from a fraction on."""
     if not _dense(shape, fraction * shape.diagonal):
         return affordable_edge(shape, fraction)
     longest = float(shape.edge_lengths.max(initial=0.0))
     return max(fraction, longest / (shape.diagonal or 1.0) * (1.0 + 1e-12))
+
+
+MAX_LONE_BODIES = 100
+"""Bodies of an assembly that have lengths of their own, at most; each costs what it would alone."""
+
+
+def _lone_bodies(shape: Shape) -> Index | None:
+    """Return a number for each body, (b,); None where no bodies are near each other, or too many.
+
+    Bodies that are near others have different numbers, above 0; all others have 0.
+    """
+    if shape.faces is None or shape.part_count < 2:
+        return None
+    bodies = shape.body_contacts
+    near = np.unique(bodies.near)
+    if len(near) == 0 or len(near) > MAX_LONE_BODIES:
+        return None
+    number = np.zeros(bodies.count, np.int64)
+    number[near] = 1 + np.arange(len(near))
+    return number
 
 
 def _dense(shape: Shape, longest: float) -> bool:

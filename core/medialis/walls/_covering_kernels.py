@@ -18,21 +18,21 @@ def find_covering(begin, end, queries, tree, items, reach, out):
 
     Parameters
     ----------
-    queries : (points (q, 3) relative to the tree's center, bodies (q,), bodies of the balls (k,))
-        Bodies of balls in tree order.
+    queries : (points (q, 3), slack (q,), bodies (q,), bodies of the balls (k,))
+        Points are relative to the tree's center; `slack` is how far outside of a ball they may be.
+        Bodies of balls are in tree order.
     tree : BoxTree
     items : Items
         Balls in tree order.
-    reach : (factor, margin)
-        A ball covers points up to `factor` times its radius from its center. `margin` is what
-        distances to boxes may be off.
+    reach : (least, most, margin)
+        Bounds of the slack, relative to the radius. `margin` is what distances to boxes may be off.
     out : (radii (q,) float64, covering (q,) int64)
         Only balls larger than the given radius count; `covering` is their index in tree order, and
         stays where there is none.
     """
-    points, bodies, owners = queries
+    points, slack, bodies, owners = queries
     radii, covering = out
-    factor, margin = reach
+    least, most, margin = reach
     n, depth = len(tree.points), tree.depth
     stack = np.empty(8 * 12 + 8, np.int64)
     for i in range(begin, end):
@@ -48,7 +48,7 @@ def find_covering(begin, end, queries, tree, items, reach, out):
                 largest = items.largest[node, j]
                 if largest <= best:
                     continue
-                far = factor * largest + margin
+                far = largest + min(max(slack[i], least * largest), most * largest) + margin
                 if box_distance2(tree.bounds[node], j, fx, fy, fz) > far * far:
                     continue
                 if base >= 0:
@@ -61,7 +61,8 @@ def find_covering(begin, end, queries, tree, items, reach, out):
                     if r <= best or owners[k] != bodies[i]:
                         continue
                     dx, dy, dz = tree.points[k, 0] - x, tree.points[k, 1] - y, tree.points[k, 2] - z
-                    if dx * dx + dy * dy + dz * dz <= (factor * r) ** 2:
+                    far = r + min(max(slack[i], least * r), most * r)
+                    if dx * dx + dy * dy + dz * dz <= far * far:
                         best = r
                         covering[i] = k
         radii[i] = best

@@ -103,8 +103,9 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
     for row, spot in enumerate(spots, 1):  # as in the list
         labels[spot.vertices] = row
     fields: dict[str, Any] = {"thickness": values, "wall_thickness": walls, "thin_spot": labels}
-    shown: dict[str, Any] = {"color_by": "thickness", **COLORS, "labels": ("thin_spot",)}
-    limits = float(values.min()), float(np.percentile(values, SHOWN_SHARE))
+    # Vertices of parts are on sharp edges as a rule, where the thickness is nearly 0.
+    shown: dict[str, Any] = {"color_by": "wall_thickness", **COLORS, "labels": ("thin_spot",)}
+    limits = float(walls.min()), float(np.percentile(walls, SHOWN_SHARE))
     limit = given.threshold * shape.diagonal or None
     layers = surface_layers("thickness", shape, fine, fields, color_limits=limits, **shown)
     marks = _spots_layer(spots, limits)
@@ -125,16 +126,8 @@ def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Ou
             "spacing": fine.spacing,
         },
         arrays={**cloud_arrays(cloud), **fields},
-        shown=(_against(layers[-1], walls, limit), *marks),
+        shown=(replace(layers[-1], color_limit=limit), *marks),
     )
-
-
-def _against(layer: Layer, walls: FloatArray, limit: float | None) -> Layer:
-    """Return the layer as pictures show it: walls against a threshold, if there is one."""
-    if limit is None:
-        return layer
-    limits = float(walls.min()), float(np.percentile(walls, SHOWN_SHARE))
-    return replace(layer, color_by="wall_thickness", color_limits=limits, color_limit=limit)
 
 
 def _spots_layer(spots: tuple[ThinSpot, ...], limits: tuple[float, float]) -> tuple[Layer, ...]:
@@ -424,10 +417,12 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
     _note_limits(check, limits, options, shape, progress)
     _note_regions(check, limits, fine, shape, progress)
     _note_ribs(check, limits.rib_ratio, progress)
-    fields: dict[str, Any] = {"thickness": check.thickness, **_codes(check)}
-    low = check.minimum if check.minimum > 0 else float(check.thickness.min())
-    high = float(check.thickness.max()) if math.isinf(check.maximum) else check.maximum
-    shown: dict[str, Any] = {"color_by": "thickness", **COLORS, "labels": ("region",)}
+    walls = check.walls
+    fields: dict[str, Any] = {"thickness": check.thickness, "checked_thickness": walls}
+    fields |= _codes(check)
+    low = check.minimum if check.minimum > 0 else float(walls.min())
+    high = float(walls.max()) if math.isinf(check.maximum) else check.maximum
+    shown: dict[str, Any] = {"color_by": "checked_thickness", **COLORS, "labels": ("region",)}
     limits_shown = low, max(high, low)
     layers = surface_layers("wall_check", shape, fine, fields, color_limits=limits_shown, **shown)
     marks = _regions_layer(check) + _ribs_layer(check, limits.rib_ratio)
@@ -444,6 +439,7 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             "largest_ball": check.largest_ball,
             "checked_share": _checked_share(check, fine),
             **summary(check.thickness, "thickness", fine.point_areas),
+            **summary(walls, "checked_thickness", fine.point_areas),
             "too_thin": len(check.of_kind("too thin")),
             "too_thick": len(check.of_kind("too thick")),
             "narrow_gaps": len(check.of_kind("gap")) if gaps else None,
@@ -697,8 +693,8 @@ WALL_CHECK = Operation(
         ("bracket.ply --unit in --process FDM -o print", "for a printer, its lines as well"),
     ),
     layers={
-        "wall_check": "the surface with thickness, check (0 within, 1 too thin, 2 too thick, "
-        "3 edge, 4 overlap, 5 gap, 6 part lines) and region at each vertex",
+        "wall_check": "the surface with thickness, checked thickness, check (0 within, 1 too thin, "
+        "2 too thick, 3 edge, 4 overlap, 5 gap, 6 part lines) and region at each vertex",
         "wall_regions": "one point for each region, at its worst place",
         "ribs": "one point for each rib or boss, with its ratio to the wall",
         "samples": "the same on the refined surface",

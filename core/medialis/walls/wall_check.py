@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Described, Index, Mask, kd_tree, sums_of, unit_rows
+from medialis.base.arrays import Described, Index, Mask, kd_tree
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray
@@ -39,11 +39,12 @@ from medialis.skeleton.medial_cloud import MedialCloud
 from medialis.walls.ribs import Rib, edge_balls, over_feet, ribs
 from medialis.walls.thickness import (
     LargestBalls,
+    Room,
     WallThicknessOptions,
+    facet_heights,
     largest_balls,
     thickness_field,
     wall_thickness,
-    walls_of,
 )
 from medialis.walls.thin_spots import (
     PlaceGraph,
@@ -139,6 +140,9 @@ class WallCheck(Described):
     ----------
     thickness : (n,) float64
         Diameter of the largest ball that touches or contains each sample.
+    walls : (n,) float64
+        Thickness of the wall at each sample, which is compared with the minimum; samples at edges,
+        rims and folds have that of the wall around them.
     checked : (n,) bool
         Samples of bodies that enclose something; the check speaks for no others.
     largest_ball : float
@@ -158,6 +162,7 @@ class WallCheck(Described):
     """
 
     thickness: FloatArray
+    walls: FloatArray
     checked: Mask
     largest_ball: float
     edge: Mask
@@ -251,6 +256,7 @@ def check_walls(
     edge[cloud.source[at_edge & (2.0 * cloud.radii < minimum)]] = True
     return WallCheck(
         thickness=balls.diameters,
+        walls=values,
         checked=checked,
         largest_ball=thick.largest,
         edge=edge,
@@ -375,20 +381,10 @@ def unsure_by(cloud: MedialCloud, values: FloatArray) -> FloatArray:
     They are as high as the smooth surface that was put on them, which is 0 where they are so small
     that nothing was. What is flat is not off, nor is a mesh that was not refined.
     """
-    surface = cloud.surface
-    height = np.zeros(surface.point_count)
+    surface, height = cloud.surface, facet_heights(cloud.surface)
     if surface.faces is None or surface.face_origin is None:
         return height
-    facet, faces = surface.face_origin, np.asarray(surface.faces)
-    normal = sums_of(facet, np.asarray(surface.face_vectors), int(facet.max()) + 1)
-    normal = unit_rows(normal, 1e-300)
-    along = np.einsum("fja,fa->fj", surface.points[faces] - surface.bounds[0], normal[facet])
-    low, high = np.full(len(normal), np.inf), np.full(len(normal), -np.inf)
-    np.minimum.at(low, facet, along.min(axis=1))
-    np.maximum.at(high, facet, along.max(axis=1))
-    np.maximum.at(height, faces.ravel(), np.repeat((high - low)[facet], 3))
-    beside = height[faces].max(axis=1)  # flat ones beside them have their samples
-    np.maximum.at(height, faces.ravel(), np.repeat(beside, 3))
+    faces = np.asarray(surface.faces)
     rows = np.flatnonzero(cloud.valid & (cloud.side > 0))
     result = height.copy()
     mine, other = cloud.source[rows], cloud.features[rows, 1]
@@ -501,18 +497,19 @@ class _Thick:
         chosen = [row for row in chosen if self._inside(np.array([row]))[0]]
         if not chosen:
             return
-        walls = walls_of(surface)
+        room_of, samples = Room(surface), cloud.source[chosen]
 
         def room_at(places: FloatArray, bound: FloatArray) -> FloatArray:
-            bound = np.broadcast_to(bound, places.shape[:-1])
-            return walls.room(places.reshape(-1, 3), bound.ravel().copy()).reshape(bound.shape)
+            whose = np.broadcast_to(samples[:, None], places.shape[:-1]).ravel()
+            bounds = np.broadcast_to(bound[:, None], places.shape[:-1]).ravel()
+            return room_of.measure(places.reshape(-1, 3), whose, bounds).reshape(places.shape[:-1])
 
         centers = cloud.centers[chosen]
-        radii = room_at(centers, cloud.radii[chosen] * GROWTH)
-        steps = np.full(len(chosen), surface.spacing)
+        radii = room_at(centers[:, None], cloud.radii[chosen] * GROWTH)[:, 0]
+        steps = np.minimum(surface.spacing, 0.25 * radii)  # centers stay in the ball, and inside
         for _ in range(GROWTH_STEPS):
             tried = centers[:, None] + steps[:, None, None] * AROUND
-            room = room_at(tried, (radii + 2.0 * steps)[:, None])
+            room = room_at(tried, radii + 2.0 * steps)
             best = room.argmax(axis=1)
             better = room[np.arange(len(best)), best] > radii * (1.0 + 1e-9)
             centers[better] = tried[better, best[better]]
@@ -520,7 +517,6 @@ class _Thick:
             steps[~better] *= 0.5
             if (steps < 1e-4 * radii).all():
                 break
-        samples = cloud.source[chosen]
         grown = 2.0 * radii > self.values[samples]
         self.exact[samples] = True
         self.values[samples[grown]] = 2.0 * radii[grown]

@@ -297,7 +297,8 @@ def along(graph: CurveSkeleton, step: float) -> tuple[FloatArray, FloatArray]:
     return np.ascontiguousarray(full[:, :3]), np.ascontiguousarray(full[:, 3])
 
 
-HISTOGRAMS = ("radius", "importance", "thickness", "spoke_angle", "sharpness")
+LENGTHS_OF_FILE = ("radius", "importance", "thickness", "wall_thickness", "checked_thickness")
+HISTOGRAMS = (*LENGTHS_OF_FILE, "spoke_angle", "sharpness")
 BINS = 40
 LENGTHS = (
     *("surface_to_balls_max", "surface_to_balls_mean"),

@@ -20,7 +20,7 @@ from medialis.operations.registry import OPERATIONS
 from medialis.operations.result import Result, quantity, unit_of
 from medialis.show.picture import draw_result, draw_turntable
 from medialis.show.png import encode_png
-from medialis.show.reports.measures import TABLES, measure
+from medialis.show.reports.measures import LENGTHS_OF_FILE, TABLES, measure
 from medialis.show.reports.page import (
     bullets,
     cell,
@@ -202,7 +202,7 @@ def _quality(measures: Mapping[str, Any]) -> str:
 
 
 def _charts(histograms: Mapping[str, Mapping[str, Any]], curve: bool) -> str:
-    units = dict.fromkeys(("radius", "importance", "thickness"), "units of the file")
+    units = dict.fromkeys(LENGTHS_OF_FILE, "units of the file")
     units |= {"spoke_angle": "degrees", "sharpness": "share of a right angle"}
     if curve:  # its importance is the area of the surface that hangs on a node
         units["importance"] = "area, square units of the file"

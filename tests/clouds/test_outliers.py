@@ -1,0 +1,138 @@
+"""Outliers of clean and of dirty scans of many kinds: what is kept, and that the numbers say so."""
+
+import numpy as np
+import pytest
+
+import medialis
+from closed_forms import unit
+from medialis.base.progress import Progress
+from medialis.clouds.outliers import isolated_points
+
+
+def sphere(n, rng):
+    return unit(rng.normal(size=(n, 3)))
+
+
+def plane(n, rng):
+    return np.column_stack([rng.random(n), rng.random(n), np.zeros(n)])
+
+
+def dense_middle(n, rng):
+    """A disc that is denser towards its middle, as scanned from there."""
+    radius, turn = rng.random(n) ** 1.5 + 0.02, rng.random(n) * 2 * np.pi
+    return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.zeros(n)])
+
+
+def pole(n, rng):
+    """A pole 25 radii high, whose points scatter by a sixth of its radius."""
+    turn = rng.random(n) * 2 * np.pi
+    points = np.column_stack([np.cos(turn), np.sin(turn), 25 * rng.random(n)])
+    return points + 0.15 * rng.normal(size=points.shape)
+
+
+def rounded_pole(n, rng):
+    """The same with coordinates of few digits, as text files have."""
+    return np.round(pole(n, rng) / 0.25) * 0.25
+
+
+def wire(n, rng):
+    turn = rng.random(n) * 4 * np.pi
+    points = np.column_stack([np.cos(turn), np.sin(turn), turn / 6])
+    return points + 0.01 * rng.normal(size=points.shape)
+
+
+def line(n, rng):
+    return np.column_stack([rng.random(n), np.zeros(n), np.zeros(n)])
+
+
+def helix(n, rng):
+    """A wire with even steps."""
+    turn = np.linspace(0, 4 * np.pi, n)
+    return np.column_stack([np.cos(turn), np.sin(turn), turn / 6])
+
+
+def twigs(n, rng):
+    """Five generations of branches, sampled more sparsely where they are thin."""
+    ends = [(np.zeros(3), np.array([0, 0, 1.0]), 3.0, 0.25)]
+    for first in range(121):
+        start, way, length, radius = ends[first]
+        for _ in range(3):
+            turned = unit((way + 0.5 * rng.normal(size=3))[None])[0]
+            ends.append((start + length * way, turned, 0.7 * length, 0.6 * radius))
+    start, way, length, radius = (np.array(column) for column in zip(*ends, strict=True))
+    share = length * radius**0.7
+    row = rng.choice(len(ends), n, p=share / share.sum())
+    across = rng.normal(size=(n, 3))
+    across = unit(across - np.einsum("ij,ij->i", across, way[row])[:, None] * way[row])
+    along = (rng.random(n) * length[row])[:, None]
+    return start[row] + along * way[row] + radius[row, None] * across
+
+
+def scaffold(n, rng):
+    """Rods along a grid."""
+    points = rng.integers(0, 4, (n, 3)).astype(float)
+    points[np.arange(n), rng.integers(0, 3, n)] = 3 * rng.random(n)
+    return points + 0.01 * rng.normal(size=points.shape)
+
+
+KINDS = (sphere, plane, dense_middle, pole, rounded_pole, wire, line, helix, twigs, scaffold)
+
+
+def with_outliers(points, share, rng):
+    """A share more points, anywhere in a box that is a fifth larger and a fifth thick or more."""
+    size = np.ptp(points, axis=0)
+    half = 0.6 * np.maximum(size, 0.2 * size.max())
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    count = round(share * len(points))
+    return np.concatenate([points, middle + rng.uniform(-1, 1, (count, 3)) * half])
+
+
+def kept_of(points):
+    """What is kept; the numbers are those of what happened."""
+    progress = medialis.Progress()
+    result = medialis.run("remove_outliers", medialis.Shape(points, 0 * points), progress=progress)
+    kept, values = result.arrays["kept"], result.values
+    removed = int((~kept).sum())
+    assert values["removed_points"] == removed == len(points) - values["kept_points"]
+    assert values["removed_percent"] == pytest.approx(100 * removed / len(points), rel=1e-12)
+    (told,) = [message for message in progress.messages if message.code == "noise_removed"]
+    assert (told.data["points"], told.data["of"]) == (removed, len(points))
+    assert not [m for m in progress.messages if m.code == "mostly_noise"]
+    return kept
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_clean_scan_keeps_its_points(kind):
+    """Poles, wires and twigs were refused: "nothing is left" (fixed)."""
+    for count, least in ((60, 0.9), (1500, 0.99)):
+        assert kept_of(kind(count, np.random.default_rng(11))).mean() >= least, count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("share", [0.05, 0.4])
+def test_outliers_go_and_the_scan_stays(kind, share):
+    """Outliers of a scaffold have its rods all around: they are no farther apart than these."""
+    rng = np.random.default_rng(12)
+    kept = kept_of(with_outliers(kind(1500, rng), share, rng))
+    assert kept[:1500].mean() >= 0.98
+    assert kept[1500:].mean() <= 0.6 or kind is scaffold
+
+
+def test_isolated_points_do_not_depend_on_size_place_or_order():
+    rng = np.random.default_rng(13)
+    points = with_outliers(wire(400, rng), 0.1, rng)
+    isolated, order = isolated_points(points, Progress()), rng.permutation(len(points))
+    assert isolated[400:].sum() >= 10 and isolated[:400].sum() <= 4
+    moved = isolated_points(1000.0 * points[order] + 7.0, Progress())
+    assert np.array_equal(moved, isolated[order])
+    twice = isolated_points(np.concatenate([points, points]), Progress())
+    assert np.array_equal(twice, np.tile(isolated, 2))
+
+
+@pytest.mark.parametrize("count", [1, 2, 7, 8, 20])
+def test_isolated_points_of_few(count):
+    points = np.random.default_rng(count).normal(size=(count, 3))
+    assert not isolated_points(points, Progress()).any()
+    assert not isolated_points(np.ones((count, 3)), Progress()).any()
