@@ -589,7 +589,7 @@ class Options:
             words[length].append(f"{name.replace('_', ' ')} {text}")
         told = ", ".join(words[True]) + (" of the diagonal" if words[True] else "")
         told = "; ".join(filter(None, [told, ", ".join(words[False])]))
-        progress.note(f"Chosen automatically: {told}.", "automatic", values=dict(numbers))
+        progress.note(f"Automatic: {told}.", "automatic", values=dict(numbers))
         return replace(self, **numbers)
 
     def unused_options(self, data: Any) -> frozenset[str]:

@@ -231,7 +231,7 @@ def summary_lines(
     """Yield what there is to say of a result, from its manifest; all of it when verbose."""
     columns = width or _line_width()
     lines = [*_told(manifest, columns, verbose)]
-    for most in range(MOST_NOTES - 1, 0, -1):
+    for most in range(MOST_NOTES - 1, -1, -1):
         if not verbose and len(lines) > MOST_LINES - FEWEST_FILES - 1:
             lines = [*_told(manifest, columns, verbose, most)]
     yield from lines
@@ -275,7 +275,8 @@ def _notes(manifest: Mapping[str, Any], verbose: bool, most: int) -> Iterator[st
     said.sort(key=lambda one: (not one[1]["warning"], one[1]["code"] in SAID_LAST))
     values = [one for one in said if one[1]["code"] == "automatic"]
     others = [one for one in said if one[1]["code"] != "automatic" and not _is_inner(one[1])]
-    shown = said if verbose else others[:most] + values
+    warns = bool(others) and others[0][1]["warning"]  # the first one is always told
+    shown = said if verbose else others[: max(most, int(warns))] + values
     for message, about in shown:
         yield f"{'warning' if about['warning'] else 'note'}: {message}"
     if len(shown) < len(said):

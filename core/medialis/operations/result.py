@@ -39,7 +39,8 @@ WORDS = {
 """What values are called for people, where that is not their name."""
 
 INNER = {
-    *("open_balls", "without_normal", "between_parts", "along_edges", "expected_loops_certain"),
+    *("open_balls", "without_normal", "between_parts", "along_edges"),
+    *("expected_loops", "expected_loops_certain"),
     *("candidates", "kept_candidates", "sheet_share", "kept_points", "spacing", "unlabelled"),
     *("seam_edges", "fewest_balls", "most_balls", "unassigned_samples"),
 }
