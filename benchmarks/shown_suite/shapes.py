@@ -141,7 +141,7 @@ LIMITS = ("--minimum", "1mm", "--maximum", "3.5mm")
 SHAPES = (
     Known(
         "box", box, {**TWO, **BALLS, **FEW, "skeleton-mesh": ()},
-        {"thickness": {"thickness_min": (20, EXACT), "thickness_max": (20, EXACT)},
+        {"thickness": {"wall_thickness_min": (20, EXACT), "thickness_max": (20, EXACT)},
          "wall_check": {"typical": (20, EXACT)},
          "medial_mesh": {"balls": (12, 0), "sheets": (13, 0)}},
         size=(20, 30, 40),
@@ -149,29 +149,29 @@ SHAPES = (
     Known(
         "bracket", bracket,
         {"thickness": ("--threshold", "1mm"), "wall-check": LIMITS, "midsurface": (), "parts": ()},
-        {"thickness": {"thickness_min": (0.8, EXACT), "thin_spots": (1, 0)},
+        {"thickness": {"wall_thickness_min": (0.8, EXACT), "thin_spots": (1, 0)},
          "wall_check": {"minimum": (1, EXACT), "maximum": (3.5, EXACT), "too_thin": (1, 0),
-                        "too_thick": (1, 0), "thickness_min": (0.8, EXACT)},
+                        "too_thick": (1, 0), "checked_thickness_min": (0.8, EXACT)},
          "midsurface": {"thickness_min": (0.8, EXACT), "thickness_max": (4, EXACT)}},
         size=(25, 30, 40),
     ),
     Known(
         "plate", plate, {**TWO, "midsurface": ()},
-        {"thickness": {"thickness_min": (3, EXACT), "thickness_max": (3, EXACT)},
+        {"thickness": {"wall_thickness_min": (3, EXACT), "thickness_max": (3, EXACT)},
          "wall_check": {"typical": (3, EXACT), "minimum": (1.5, EXACT)},
          "midsurface": {"thickness_median": (3, EXACT)}},
         size=(3, 40, 60),
     ),
     Known(
         "ball", rods(((0, 0, 0), (1e-6, 0, 0), 10.0)), {**TWO, **BALLS},
-        {"thickness": {"thickness_min": (20, CLOSE), "thickness_max": (20, CLOSE)},
+        {"thickness": {"wall_thickness_min": (20, CLOSE), "thickness_max": (20, CLOSE)},
          "surface_skeleton": {"radius_median": (10, CLOSE)}},
         size=(20, 20, 20),
     ),
     Known(
         "tube", rods(((-40, 0, 0), (40, 0, 0), 5.0), ((0, 0, 0), (0, 30, 0), 3.0)),
         {**TWO, **GRAPH, "view-curve-skeleton": (), "armature": ()},
-        {"thickness": {"thickness_min": (6, CLOSE)},
+        {"thickness": {"wall_thickness_min": (6, CLOSE)},
          "curve_skeleton": {"length": (110, NEAR), "branches": (3, 0), "loops": (0, 0)}},
         size=(10, 38, 90),
     ),

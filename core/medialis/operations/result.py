@@ -43,6 +43,9 @@ INNER = {
     *("expected_loops", "expected_loops_certain"),
     *("candidates", "kept_candidates", "sheet_share", "kept_points", "spacing", "unlabelled"),
     *("seam_edges", "fewest_balls", "most_balls", "unassigned_samples"),
+    *(f"checked_thickness_{word}" for word in ("min", "median", "max")),
+    # What the verdict, or a message, says as well.
+    *("checked_percent", "too_thin", "too_thick", "thick_ribs", "overlaps"),
 }
 """Values that tell how it was computed: people see them with --verbose, and in
 the manifest."""

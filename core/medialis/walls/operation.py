@@ -448,7 +448,6 @@ def run_wall_check(shape: Shape, options: WallCheckRun, progress: Progress) -> O
             "typical": check.typical,
             "largest_ball": check.largest_ball or None,
             "checked_percent": 100.0 * _checked_share(check, fine),
-            **summary(check.thickness, "thickness", fine.point_areas),
             **summary(walls, "checked_thickness", fine.point_areas),
             "too_thin": len(check.of_kind("too thin")),
             "too_thick": len(check.of_kind("too thick")),

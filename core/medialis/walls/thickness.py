@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described, Index, Mask, kd_tree, sums_of, unit_rows
+from medialis.base.arrays import Described, Index, Mask, sums_of, unit_rows
 from medialis.base.box_tree import ROUNDING, NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
@@ -31,6 +31,7 @@ from medialis.base.options import Options, algorithm, angle, choice
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_choice, as_field, frozen
+from medialis.shape.bodies import nearest_in_body
 from medialis.shape.creases import find_creases
 from medialis.shape.normals import CREASE_ANGLE
 from medialis.shape.shape import Shape
@@ -430,8 +431,7 @@ def _largest_balls(cloud: MedialCloud, progress: Progress) -> LargestBalls | Non
     missing = np.flatnonzero(rows < 0)
     if len(missing):
         known = np.flatnonzero(rows >= 0)
-        nearest = kd_tree(surface.points[known]).query(surface.points[missing])[1]
-        rows[missing] = rows[known[nearest]]
+        rows[missing] = rows[nearest_in_body(surface, known, missing, sizes[rows])]
         if count := int((~on_crease[missing]).sum()):
             text = (
                 f"{counted(count, 'sample', of=len(rows), verbs=('has', 'have'))} no ball; the "
