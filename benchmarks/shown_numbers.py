@@ -217,11 +217,6 @@ def _true(manifest: Mapping[str, Any], known: Known) -> Iterator[str]:
     for name, (truth, share) in known.truths.get(manifest["operation"], {}).items():
         if name not in numbers or abs(numbers[name] - truth) > share * abs(truth):
             yield f"{name} is {numbers.get(name)!r}, in truth {truth!r}"
-    low = values.get("thickness_min")
-    for name in ("spots", "regions"):
-        for row, one in enumerate(values.get(name) or ()):
-            if one["kind"] != "gap" and low is not None and one["value"] < low * (1 - 1e-9):
-                yield f"{name} {row + 1} is {one['value']:.6g} thick, the thinnest {low:.6g}"
 
 
 def _together(manifests: Mapping[str, Mapping[str, Any]], shape: medialis.Shape) -> Iterator[str]:
