@@ -127,13 +127,12 @@ COMPARED = {
         lambda s: _labels(medialis.mean_shift_segments(s)),
         arrays("segment", "points"),
     ),
-    "thickness": (lambda s: (medialis.thickness(s),), arrays("thickness")),
+    "thickness": (
+        lambda s: (medialis.thickness(s), medialis.wall_thickness(s)),
+        arrays("thickness", "wall_thickness"),
+    ),
 }
 """What the function gives, and the same of a result of the operation."""
-
-WALLS = ("thickness",)
-"""Differ still: the operation changes the field so that its minimum is the thinnest spot, and takes
-other samples. Remove a name here when its function and its operation agree."""
 
 WITHOUT_FUNCTION = {
     *("ball_reconstruction", "wall_check", "centerline", "remove_outliers", "smooth"),
@@ -158,9 +157,7 @@ def _outcome(compute, *given, **options):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MAKERS)
 @pytest.mark.parametrize("operation", COMPARED)
-def test_function_and_operation_agree(operation, name, request):
-    if operation in WALLS:
-        request.applymarker(pytest.mark.xfail(strict=False, reason="walls: one field to come"))
+def test_function_and_operation_agree(operation, name):
     function, of_result = COMPARED[operation]
     options, given = QUICK.get(operation, {}), shape(name)
     with medialis.memory_limit(1 << 28):  # equal steps of both are computed once

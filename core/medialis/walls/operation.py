@@ -37,10 +37,16 @@ from medialis.shape.graph import ENCLOSED, Enclosure
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import cloud_arrays, summary, surface_layers, weighted_median
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.preparation import InvariantPreparation
-from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions, surface_skeleton
+from medialis.skeleton.surface_skeleton import SurfaceSkeletonOptions, surface_skeleton
 from medialis.walls.rules import MATERIALS, NONE, PROCESSES, Rules, process_help, rules_of
-from medialis.walls.thickness import thickness, unresolved_walls, wall_balls, wall_thickness
+from medialis.walls.thickness import (
+    WallPreparation,
+    WallThicknessOptions,
+    thickness,
+    unresolved_walls,
+    wall_balls,
+    wall_thickness,
+)
 from medialis.walls.thin_spots import ThinSpot, ThinSpotOptions, thin_spots
 from medialis.walls.wall_check import (
     EQUAL,
@@ -70,22 +76,7 @@ UNRESOLVED_SHARE = 0.02  # halved 0 %, doubled 0 %
 """Share of the samples from which on walls thinner than the sampling are worth a warning."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ThicknessRun(ThinSpotOptions, InvariantPreparation):
-    """Options of the operation `thickness`."""
-
-    refine: float = changed(
-        Preparation,
-        "refine",
-        auto=0.01,
-        help="Split edges longer than this share of the size for the computation, so that flat "
-        "faces get samples; flat faces stay the same. 0 computes with the given vertices only. A "
-        "wall is seen where the samples are closer together than it is thick. auto: 1 %, or more "
-        "where that would make too many samples.",
-    )
-
-
-def run_thickness(shape: Shape, options: ThicknessRun, progress: Progress) -> Outcome:
+def run_thickness(shape: Shape, options: ThinSpotOptions, progress: Progress) -> Outcome:
     """Refine, shrink balls, measure, complete, list the thinnest places."""
     with progress.stage("skeleton", 0.0, 0.7):
         cloud = surface_skeleton.of(shape, options, progress)
@@ -191,7 +182,7 @@ def _thin(result: Result, shape: Shape) -> Mask:
 
 
 def _note_share(
-    values: FloatArray, options: ThicknessRun, surface: Shape, progress: Progress
+    values: FloatArray, options: ThinSpotOptions, surface: Shape, progress: Progress
 ) -> None:
     """Say so where the threshold calls most of the shape thin."""
     thin = values < options.threshold * surface.diagonal
@@ -207,7 +198,7 @@ def _note_share(
 
 
 def _note_thinnest(
-    spots: tuple[ThinSpot, ...], options: ThicknessRun, shape: Shape, progress: Progress
+    spots: tuple[ThinSpot, ...], options: ThinSpotOptions, shape: Shape, progress: Progress
 ) -> None:
     below = options.threshold * shape.diagonal
     limit = with_unit(below, shape.unit)
@@ -286,7 +277,7 @@ THICKNESS = Operation(
         "thin_spots": "one point for each thin spot, the thinnest first",
         "samples": "the same on the refined surface",
     },
-    options=ThicknessRun,
+    options=ThinSpotOptions,
     run=run_thickness,
     thin_lines=True,
     selection=Selection(
@@ -317,7 +308,7 @@ RATIO = 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
-class WallCheckRun(InvariantPreparation):
+class WallCheckRun(WallPreparation):
     """Options of the operation `wall_check`."""
 
     minimum: float = length(
@@ -380,7 +371,7 @@ class WallCheckRun(InvariantPreparation):
         auto=RATIO,
     )
     min_spoke_angle: float = changed(
-        ThicknessRun,
+        WallThicknessOptions,
         "min_spoke_angle",
         default=150.0,
         help="Faces that enclose less than 180 degrees minus this are two sides of a wall, others "
@@ -394,7 +385,6 @@ class WallCheckRun(InvariantPreparation):
         high=100_000,
         advanced=True,
     )
-    refine: float = changed(ThicknessRun, "refine")
 
     def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress

@@ -27,7 +27,7 @@ from medialis.base.arrays import Described, Index, Mask, sums_of, unit_rows
 from medialis.base.box_tree import ROUNDING, NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
-from medialis.base.options import Options, algorithm, angle, choice
+from medialis.base.options import algorithm, angle, changed, choice
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray, IntArray, as_choice, as_field, frozen
@@ -36,7 +36,8 @@ from medialis.shape.creases import find_creases
 from medialis.shape.normals import CREASE_ANGLE
 from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import THINNEST, MedialCloud, sample_tree
-from medialis.skeleton.surface_skeleton import as_cloud
+from medialis.skeleton.preparation import InvariantPreparation
+from medialis.skeleton.surface_skeleton import Preparation, balls_of, shape_or_cloud
 from medialis.skeleton.triangle_balls import Walls
 from medialis.walls.completion import CompletedField, complete, complete_again
 
@@ -224,7 +225,22 @@ QUERIES_A_CHUNK = 512
 
 
 @dataclass(frozen=True, kw_only=True)
-class ThicknessOptions(Options):
+class WallPreparation(InvariantPreparation):
+    """Preparation of what measures walls."""
+
+    refine: float = changed(
+        Preparation,
+        "refine",
+        auto=0.01,
+        help="Split edges longer than this share of the size for the computation, so that flat "
+        "faces get samples; flat faces stay the same. 0 computes with the given vertices only. A "
+        "wall is seen where the samples are closer together than it is thick. auto: 1 %, or more "
+        "where that would make too many samples.",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThicknessOptions(WallPreparation):
     """Options of `thickness`."""
 
     kind: ThicknessKind = choice(
@@ -256,7 +272,7 @@ class WallThicknessOptions(ThicknessOptions):
     )
 
 
-@algorithm(ThicknessOptions, door=as_cloud)
+@algorithm(ThicknessOptions, door=shape_or_cloud, prepare=balls_of)
 def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress) -> FloatArray:
     """Return the diameter of the largest inscribed ball that touches or contains each sample.
 
@@ -308,7 +324,7 @@ def thickness(cloud: MedialCloud, options: ThicknessOptions, progress: Progress)
     return frozen(options.share * balls.diameters, np.float64)
 
 
-@algorithm(WallThicknessOptions, door=as_cloud)
+@algorithm(WallThicknessOptions, door=shape_or_cloud, prepare=balls_of)
 def wall_thickness(
     cloud: MedialCloud, options: WallThicknessOptions, progress: Progress
 ) -> FloatArray:

@@ -43,7 +43,7 @@ from medialis.shape.graph import CLOUD_NEIGHBOURS, TWICE, Enclosure
 from medialis.shape.shape import Shape
 from medialis.shape.surface import linked_rows
 from medialis.skeleton.medial_cloud import MedialCloud
-from medialis.skeleton.surface_skeleton import as_cloud
+from medialis.skeleton.surface_skeleton import balls_of, shape_or_cloud
 from medialis.walls.thickness import (
     WallThicknessOptions,
     least_wall_angle,
@@ -700,7 +700,7 @@ class ThinSpotOptions(WallThicknessOptions):
     )
 
 
-@algorithm(ThinSpotOptions, door=as_cloud)
+@algorithm(ThinSpotOptions, door=shape_or_cloud, prepare=balls_of)
 def thin_spots(
     cloud: MedialCloud, options: ThinSpotOptions, progress: Progress
 ) -> tuple[ThinSpot, ...]:
