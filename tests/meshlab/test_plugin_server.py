@@ -88,7 +88,7 @@ def test_lengths_of_a_script_are_shares_of_the_size_it_was_made_on(meshlab, crea
     printed = meshlab.run([creature], entry, {"threshold": 0.05}, size=size)
     shape = medialis.read_shape(creature)
     layer = medialis.run("thickness", shape, threshold=0.05).layers[0]
-    thickness = layer.attributes["thickness"]
+    thickness = layer.attributes["wall_thickness"]
     assert f"selected: {(thickness < 0.05 * shape.diagonal).sum()}\n" in printed
 
 
@@ -100,7 +100,7 @@ def test_fields_lie_on_the_given_layer(meshlab, creature, tmp_path):
     layer = medialis.run("thickness", medialis.read_shape(creature)).layers[0]
     found = read_ply_attributes(out)
     assert layer.on_input and len(found.faces) == len(layer.faces)
-    expected = layer.attributes["thickness"].astype(np.float32)
+    expected = layer.attributes["wall_thickness"].astype(np.float32)
     np.testing.assert_array_equal(found.attributes["quality"], expected)
     colors = [found.attributes[name] for name in ("red", "green", "blue", "alpha")]
     np.testing.assert_array_equal(np.stack(colors, axis=1), shown(layer).rgba_bytes)

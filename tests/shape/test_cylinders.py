@@ -100,7 +100,7 @@ def test_bends_of_a_hollow_section_are_as_thick_as_its_walls(chords):
     shape = medialis.make_shape(*hollow_section(60, 40, 2.0, 6.0, 80, chords))
     layers = medialis.run("thickness", shape).layers
     layer = next(layer for layer in layers if layer.name == "samples")
-    points, told = layer.points, layer.attributes["thickness"]
+    points, told = layer.points, layer.attributes["wall_thickness"]
     away = np.minimum(points[:, 2], 80 - points[:, 2])
     wrong = np.abs(told[away > 3] / 2.0 - 1.0)
     assert np.quantile(wrong, 0.99) < 1e-4 and wrong.max() < 0.01
@@ -112,7 +112,7 @@ def test_far_and_near_the_origin_it_is_one_part():
         medialis.run("thickness", medialis.make_shape(shape.points + shift, shape.faces))
         for shift in (0.0, 4096.0)
     )
-    assert near.values["thickness_min"] == pytest.approx(far.values["thickness_min"], rel=1e-9)
+    assert near.values["wall_thickness_min"] == pytest.approx(far.values["wall_thickness_min"], rel=1e-9)
 
 
 @pytest.mark.parametrize(("radius", "chords"), [(1.0, 3), (2.5, 5), (4.0, 9)])

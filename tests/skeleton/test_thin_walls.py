@@ -145,7 +145,7 @@ def test_thickness_of_a_plate_that_is_sampled_sparsely_and_hidden_by_the_toleran
     wall = 2e-4
     result = medialis.run("thickness", sparse_plate(wall), refine=0)
     assert wall < DEFAULT_TOLERANCE * result.shape.diagonal
-    assert result.layers[0].attributes["thickness"] == pytest.approx(wall, rel=1e-6)
+    assert result.layers[0].attributes["wall_thickness"] == pytest.approx(wall, rel=1e-6)
 
 
 def deepest_place(shape, rows, cloud, grid=12):
