@@ -135,7 +135,11 @@ def filter_script(
         value = values.get(parameter.name, parameter.default)
         kind = parameter.kind.value
         more = ""
-        if kind == "length":
+        if parameter.auto is not None:  # a text: "auto", or a number with its unit
+            if value != "auto":
+                value = f"{100 * value:.17g}%" if kind == "length" else f"{value:.17g}"
+            kind = "text"
+        elif kind == "length":
             value, more = value * size, f' min="0" max="{size}"'
         elif kind == "choice":
             shown = "".join(f' enum_val{i}="{c}"' for i, c in enumerate(parameter.choices))
@@ -145,7 +149,7 @@ def filter_script(
             more = ' exts_cardinality="0"'
         names = {
             **{"length": "AbsPerc", "choice": "Enum", "file": "OpenFile", "bool": "Bool"},
-            **{"int": "Int", "float": "Float", "angle": "Float"},
+            **{"int": "Int", "float": "Float", "angle": "Float", "text": "String"},
         }
         text = str(value).lower() if kind == "bool" else str(value)
         about = f'type="Rich{names[kind]}" name="{parameter.name}" value={quoteattr(text)}{more}'
