@@ -48,8 +48,8 @@ def test_the_page_ends_in_html(file, tmp_path, output, name):
 
 @pytest.mark.slow
 def test_folders_layers_and_graphs(file, tmp_path):
-    for name in ("thickness", "curve-skeleton"):
-        assert main([name, file, "--no-picture"]) == 0
+    for name, more in (("thickness", []), ("curve-skeleton", ["--formats", "swc"])):
+        assert main([name, file, "--no-picture", *more]) == 0
     folder = next(path for path in tmp_path.iterdir() if path.is_dir())
     for source, expected in (
         (folder, '"thickness"'),

@@ -564,7 +564,8 @@ class Options:
         starts = self.auto_starts()
         if not starts:
             return self
-        return self.with_auto_values(self.auto_values(data, starts, progress), progress)
+        numbers = self.auto_values(data, starts, progress)
+        return self.with_auto_values(numbers, progress) if numbers else self
 
     def auto_values(
         self, data: Any, starts: Mapping[str, float], progress: Progress
@@ -578,8 +579,6 @@ class Options:
 
     def with_auto_values(self, numbers: Mapping[str, Any], progress: Progress) -> Self:
         """Replace "auto" by numbers, and report them in one sentence."""
-        if not numbers:
-            return self
         kinds = {p.name: p.kind for p in self.parameters()}
         words: dict[bool, list[str]] = {True: [], False: []}
         for name, value in numbers.items():

@@ -24,7 +24,7 @@ from medialis.shape.shape import Shape
 from medialis.skeleton.medial_cloud import MedialCloud, Side
 from medialis.skeleton.surface_skeleton import Preparation, SurfaceSkeletonOptions
 
-SPREADS = 4.0  # halved 100 %, doubled 100 %
+SPREADS = 4.0
 """Size of a shape over the spread of its area: its diagonal, as the mean of real shapes."""
 
 

@@ -206,17 +206,17 @@ alarm of 1/9 of the wrist's thickness at 100 degrees, and gone at 120; on fandis
 17 % (horse2) to 61 % (scapula, a bone plate) of the balls remain."""
 
 
-COVERED, FACETED = 3e-4, 3e-3  # halved < 1 %, doubled < 5 %; halved 10 %, doubled 5 %
+COVERED, FACETED = 3e-4, 3e-3
 """Relative to its radius: a ball contains samples up to this far outside of it; on facets of round
 surfaces up to the height of the facet, but not more than the second number. Facets keep balls off
 the smooth surface, and narrow balls between neighbouring facets are far too small. Of two merged
 spheres of 48 x 24 facets, 41 % of the samples are off by more than 1 % with 3e-4 alone, 5 % with
 both. On a cone of 64 facets the second number makes 35 % of the samples more than 2 % too thick."""
 
-TOUCHED = 1e-3  # halved < 1 %, doubled < 1 %
+TOUCHED = 1e-3
 """Relative to its radius: the distance of a ball's surface from the sample that it touches."""
 
-DEPTH = 5e-3  # halved < 1 %, doubled < 1 %
+DEPTH = 5e-3
 """Relative to its radius: balls that triangles cut deeper are reduced. The tolerance lets the rims
 of a plate into the balls beside them, which were 2.5 % thicker than the plate; facets of a torus of
 32 x 32 sides cut its balls by up to 0.5 %."""
