@@ -61,4 +61,4 @@ def test_wrong_words_are_answered_with_the_nearest():
     with pytest.raises(medialis.InvalidOptionError, match=r"'thicknes'; did you mean thickness\?"):
         medialis.run("thicknes", shape)
     with pytest.raises(TypeError, match=r"min_spoke; did you mean min_spoke_angle\?"):
-        medialis.thickness(shape, min_spoke=1)
+        medialis.wall_thickness(shape, min_spoke=1)

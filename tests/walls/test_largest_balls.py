@@ -7,7 +7,7 @@ import closed_forms as forms
 import medialis
 from medialis.base.box_tree import NearestTree
 from medialis.base.threads import thread_limit
-from medialis.walls.thickness import COVERED, DEPTH, FACETED
+from medialis.walls.thickness import CHORDAL, COVERED, DEPTH, chord_heights
 from necks import mesh_of, random_necks, true_thickness
 
 QUIET = {"rib_ratio": 100.0}
@@ -51,10 +51,11 @@ def test_it_is_the_largest_ball_of_the_cloud_that_covers_the_sample(seed):
     triangles = NearestTree.of_triangles(surface.points, surface.faces)
     room = triangles.distances(cloud.centers[valid])[0]
     radii = cloud.radii[valid]
-    radii = np.where(room < (1 - DEPTH) * radii, room, radii)  # balls that facets cut
+    high = chord_heights(surface)[cloud.features[valid]].max(axis=1)
+    radii = np.where(room < (1 - DEPTH) * radii - high, room, radii)  # balls that facets cut
     largest = [
         np.where(away <= radii * (1 + slack) * (1 + 1e-9), 2 * radii, 0.0).max(axis=1)
-        for slack in (COVERED, FACETED)
+        for slack in (COVERED, CHORDAL)
     ]
     known = largest[0] > 0
     assert (values[known] >= largest[0][known] * (1 - 1e-9)).all()
@@ -87,7 +88,7 @@ def test_beside_necks_each_ball_and_each_rod_has_its_own_thickness(kind):
         middle = np.searchsorted(np.cumsum(areas[half]), 0.5 * areas.sum())
         median = layer.attributes["thickness"][half[middle]]
         assert result.values["thickness_median"] == pytest.approx(median)
-    assert np.mean(wrong) < 0.2 and np.mean(far_off) < 0.05
+    assert np.mean(wrong) < 0.12 and np.mean(far_off) < 0.02
 
 
 @pytest.mark.slow

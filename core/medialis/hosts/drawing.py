@@ -260,7 +260,7 @@ def shown(
     >>> layer = medialis.run("thickness", medialis.organic_shape(56)).layers[0]
     >>> found = shown(layer)
     >>> found.name, found.rgba_bytes.shape == (len(layer.points), 4)
-    ('thickness', True)
+    ('wall_thickness', True)
     """
     name = layer.color_by
     on_points = layer.attributes if attributes is None else attributes
@@ -394,7 +394,7 @@ def legend_of(found: Shown) -> Legend:
     >>> layer = medialis.run("thickness", medialis.organic_shape(56)).layers[0]
     >>> key = legend_of(shown(layer))
     >>> key.title, key.quantity, key.low == layer.color_limits[0]
-    ('thickness', 'length', True)
+    ('wall thickness', 'length', True)
     """
     name = title(found.name)
     if found.is_label:

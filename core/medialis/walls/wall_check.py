@@ -475,11 +475,12 @@ class _Thick:
         """Diameter at each sample: of its ball, or of the larger one that this ball grows to."""
         self.exact = np.zeros(len(checked), np.bool_)
         """Samples whose ball was grown between the triangles themselves."""
-        if cloud.surface.faces is not None:
-            self._grow()
-        self.largest = float(self.values.max())
+        self.room = None if cloud.surface.faces is None else Room(cloud.surface)
+        if self.room is not None:
+            self._grow(self.room)
+        self.largest = float(self.values[self.exact if self.exact.any() else ...].max())
 
-    def _grow(self) -> None:
+    def _grow(self, room_of: Room) -> None:
         """Move the largest balls, some apart from each other, until they grow no more.
 
         Balls touch samples: the largest one that fits between the triangles touches none as a rule.
@@ -497,7 +498,7 @@ class _Thick:
         chosen = [row for row in chosen if self._inside(np.array([row]))[0]]
         if not chosen:
             return
-        room_of, samples = Room(surface), cloud.source[chosen]
+        samples = cloud.source[chosen]
 
         def room_at(places: FloatArray, bound: FloatArray) -> FloatArray:
             whose = np.broadcast_to(samples[:, None], places.shape[:-1]).ravel()
@@ -517,9 +518,8 @@ class _Thick:
             steps[~better] *= 0.5
             if (steps < 1e-4 * radii).all():
                 break
-        grown = 2.0 * radii > self.values[samples]
         self.exact[samples] = True
-        self.values[samples[grown]] = 2.0 * radii[grown]
+        self.values[samples] = 2.0 * radii
 
     def _inside(self, rows: Index) -> Mask:
         """Return which balls (k,) have their center inside of the surface."""
@@ -534,19 +534,15 @@ class _Thick:
         beyond = self.values > level
         if not beyond.any():
             return []
-        every = np.ones(len(beyond), np.bool_)
-        sure = surely(cloud, self.values, every, self.values - level) | (self.exact & beyond)
         ball = self.balls.rows
+        beyond &= self.exact | self._fits(ball, 0.5 * level, beyond)
         found: dict[int, IntArray] = {}
         samples = np.arange(surface.point_count, dtype=np.int32)
         links = [cloud.features[ball], np.stack([samples, cloud.source[ball]], axis=1)]
         field = np.full(len(ball), np.inf)
         field[beyond] = level / self.values[beyond]
         for place in low_places(PlaceGraph(surface, np.concatenate(links)), field, level=1.0):
-            telling = place.vertices[(sure & beyond)[place.vertices]]
-            if len(telling) == 0:
-                continue
-            worst = int(telling[np.argmax(self.values[telling])])
+            worst = int(place.vertices[np.argmax(self.values[place.vertices])])
             away = [
                 math.dist(cloud.centers[ball[one]], cloud.centers[ball[worst]]) for one in found
             ]
@@ -557,6 +553,16 @@ class _Thick:
             elif self._inside(ball[[worst]])[0]:
                 found[worst] = place.vertices
         return [self._region(worst, found[worst]) for worst in list(found)[:most]]
+
+    def _fits(self, balls: Index, radius: float, wanted: Mask) -> Mask:
+        """Return where a ball of a radius fits between the triangles, at centers of balls (n,)."""
+        result = wanted.copy()
+        if self.room is not None and wanted.any():
+            rows, place = np.unique(balls[wanted], return_inverse=True)
+            bound = np.full(len(rows), radius)
+            room = self.room.measure(self.cloud.centers[rows], self.cloud.source[rows], bound)
+            result[wanted] = (room >= radius)[place]
+        return result
 
     def _region(self, worst: int, vertices: IntArray) -> WallRegion:
         """Return the region of some samples; the ball of sample `worst` is the largest."""

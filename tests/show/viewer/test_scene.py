@@ -44,7 +44,7 @@ def test_the_first_result_is_seen_inside_a_see_through_surface(results):
 
 def test_a_field_on_the_surface_is_seen_whole(results):
     (part,) = scene_of(results[1:2])
-    assert part.kind == "surface" and part.opacity == 1 and part.color_by == "thickness"
+    assert part.kind == "surface" and part.opacity == 1 and part.color_by == "wall_thickness"
     assert part.points is results[1].shown[0].points, "the finer surface"
 
 
