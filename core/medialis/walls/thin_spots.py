@@ -47,10 +47,10 @@ from medialis.skeleton.surface_skeleton import balls_of, shape_or_cloud
 from medialis.walls.thickness import (
     WallThicknessOptions,
     least_wall_angle,
-    thickness,
     thickness_field,
     thickness_without,
     wall_balls,
+    wall_thickness,
 )
 
 if TYPE_CHECKING:
@@ -739,7 +739,7 @@ def thin_spots(
     >>> spots[0].kind, bool(spots[0].value < spots[1].value)
     ('wall', True)
     """
-    thickness.of(cloud, options, progress)  # raises where there is no ball
+    wall_thickness.of(cloud, options, progress)  # raises where there is no ball
     spots, specks = run_patiently(lambda: _find(cloud, options), progress)
     if specks:
         text = (
