@@ -406,7 +406,7 @@ def test_a_material_that_was_edited_stays_and_is_told(scene):
     told = removing.remove_result(bpy.context, chosen, "thickness")
     assert material.name in bpy.data.materials and any(material.name in one for one in told)
     assert bpy.ops.medialis.thickness() == {"FINISHED"}
-    new = [one for one in bpy.data.materials if "thickness_color" in one.name]
+    new = [one for one in bpy.data.materials if "wall_thickness_color" in one.name]
     assert len(new) == 2  # the user's is not taken for ours
 
 

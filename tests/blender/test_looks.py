@@ -67,8 +67,8 @@ def test_one_click_shows_it_and_removing_leaves_nothing(chosen, request, scene):
 def test_thickness_is_seen_in_its_colours(creature):
     """By a material in renders, by the active colour attribute in solid views."""
     start("thickness")
-    assert materials_of(creature) == {"Medialis: thickness_color"}
-    assert creature.data.color_attributes.active_color.name == "thickness_color"
+    assert materials_of(creature) == {"Medialis: wall_thickness_color"}
+    assert creature.data.color_attributes.active_color.name == "wall_thickness_color"
     (spots,) = [o for o in bpy.data.objects if o.type == "POINTCLOUD"]
     assert spots.data.materials[0].name.startswith("Medialis: value")
     start("thickness", legend_in_renders=True)
@@ -95,7 +95,7 @@ def test_the_look_of_the_result_before_comes_back(creature):
     start("curve_skeleton")
     assert materials_of(creature) == {"Medialis: see-through"}
     bpy.ops.medialis.remove_result()
-    assert materials_of(creature) == {"Medialis: thickness_color"}
+    assert materials_of(creature) == {"Medialis: wall_thickness_color"}
 
 
 def test_points_are_as_large_as_the_samples_are_apart(creature):
@@ -214,4 +214,4 @@ def test_what_a_copy_hid_is_seen_again(creature):
     bpy.context.view_layer.objects.active = creature
     start("thickness")
     assert not creature.hide_render and "creature thickness" not in bpy.data.objects
-    assert materials_of(creature) == {"Medialis: thickness_color"}
+    assert materials_of(creature) == {"Medialis: wall_thickness_color"}

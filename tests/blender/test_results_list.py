@@ -49,7 +49,7 @@ def test_colours_on_the_surface_follow(creature):
     colors = creature.data.color_attributes
     assert colors.active_color.name == "parts_color"
     bpy.ops.medialis.show_result(result="thickness", solo=True)
-    assert colors.active_color.name == "thickness_color"
+    assert colors.active_color.name == "wall_thickness_color"
     assert creature["medialis_summary"].startswith("Thickness")
     bpy.ops.medialis.show_result(result="thickness")
     assert not creature.modifiers  # nothing is shown: its own look
@@ -78,7 +78,7 @@ def test_one_legend_of_what_is_looked_at(creature):
         source, legend = overlay.looked_at(bpy.context)
         assert source == creature
         found.append(legend["title"])
-    assert found[0].startswith("thickness") and found[2].startswith("parts: ")
+    assert found[0].startswith("wall thickness") and found[2].startswith("parts: ")
     assert not [one for one in bpy.data.objects if "legend" in one.name]
     bpy.ops.medialis.show_result(result="parts")
     bpy.context.view_layer.objects.active = creature
