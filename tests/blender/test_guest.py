@@ -400,7 +400,7 @@ def test_a_material_that_was_edited_stays_and_is_told(scene):
 
     chosen = creature()
     assert bpy.ops.medialis.thickness() == {"FINISHED"}
-    material = next(one for one in bpy.data.materials if one.name.startswith("Medialis"))
+    material = next(one for one in bpy.data.materials if "wall_thickness_color" in one.name)
     shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
     shader.inputs["Roughness"].default_value = 0.125
     told = removing.remove_result(bpy.context, chosen, "thickness")

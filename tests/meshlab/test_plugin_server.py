@@ -168,7 +168,7 @@ def test_bad_input_is_the_sentence_of_the_core(meshlab, tmp_path):
 
 
 def test_a_value_out_of_range_is_one_sentence(meshlab, creature, tmp_path):
-    sentence = "Tolerance must be 0 % to 10 % of the diagonal (0 to "
+    sentence = "tolerance must be 0 % to 10 % of the size, got 50 %"
     failed(meshlab, creature, tmp_path / "out.ply", sentence, values={"tolerance": 0.5})
 
 
