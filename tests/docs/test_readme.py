@@ -43,7 +43,7 @@ def test_every_block_runs_in_its_order_and_leaves_its_results(tmp_path, monkeypa
     run_bash(found[0][1], tmp_path)
     names = {}
     run_python(found[1][1], README, names)
-    assert names["curve"].branch_count > 5 and names["field"].min() > 0
+    assert names["curve"].branch_count > 5 and names["walls"].min() > 0
     made = {p.parent.relative_to(tmp_path).as_posix() for p in tmp_path.rglob("manifest.json")}
     folders = {f"creature-medialis/{n}" for n in ("thickness", "curve_skeleton", "armature")}
     assert made == {*folders, "thin places"}

@@ -88,7 +88,7 @@ def test_beside_necks_each_ball_and_each_rod_has_its_own_thickness(kind):
         middle = np.searchsorted(np.cumsum(areas[half]), 0.5 * areas.sum())
         median = layer.attributes["thickness"][half[middle]]
         assert result.values["thickness_median"] == pytest.approx(median)
-    assert np.mean(wrong) < 0.12 and np.mean(far_off) < 0.02
+    assert np.mean(wrong) < 0.15 and np.mean(far_off) < 0.02
 
 
 @pytest.mark.slow
