@@ -74,7 +74,8 @@ def profile(parts, corners):
             start, stop = (
                 np.arccos(np.clip((z - widest.center) / widest.radius, -1, 1)) for z in (a, b)
             )
-            turn = np.linspace(start, stop, max(2, int(np.ceil((start - stop) / np.pi * corners))))
+            chords = max(1, int(np.ceil((start - stop) / np.pi * corners)))
+            turn = np.linspace(start, stop, chords + 1)
             piece = [(widest.radius * np.sin(t), widest.center + widest.radius * np.cos(t))
                      for t in turn]  # fmt: skip
         rows += piece
