@@ -92,7 +92,7 @@ def test_real_libraries_give_the_same_thickness():
     trimesh = pytest.importorskip("trimesh")
     shape = medialis.organic_shape(56)
     mesh = trimesh.Trimesh(shape.points, shape.faces, process=False)
-    expected = medialis.thickness(medialis.surface_skeleton(shape))
+    expected = medialis.thickness(shape)
     assert np.array_equal(medialis.thickness(mesh), expected)
     assert np.array_equal(medialis.thickness(trimesh.Scene(mesh)), expected)
 

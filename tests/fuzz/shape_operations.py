@@ -147,6 +147,11 @@ def _drawn_mesh(rng: random.Random, path: Path) -> str:
     return os.fspath(path)
 
 
+def usual_number(parameter: Parameter) -> float:
+    """Return the default of a number, or what "auto" starts from."""
+    return parameter.default if parameter.auto is None else parameter.auto
+
+
 def _drawn(rng: random.Random, parameter: Parameter, points: int, folder: Path) -> Any:
     if parameter.kind is Option.BOOL:
         return rng.random() < 0.5
@@ -173,7 +178,7 @@ def _drawn(rng: random.Random, parameter: Parameter, points: int, folder: Path) 
         high,
         rng.uniform(low, high),
         small * (high / small) ** rng.random(),
-        min(high, max(low, parameter.default * rng.uniform(0.5, 2))),
+        min(high, max(low, usual_number(parameter) * rng.uniform(0.5, 2))),
     )
     value = rng.choice(draws)
     return round(value) if parameter.kind is Option.INT else float(value)
@@ -182,14 +187,14 @@ def _drawn(rng: random.Random, parameter: Parameter, points: int, folder: Path) 
 def _dear(chosen: Operation, options: Mapping[str, Any]) -> bool:
     """Whether an option asks for more work than its default."""
     for parameter in chosen.parameters:
-        value = options.get(parameter.name, parameter.default)
+        value = options.get(parameter.name, usual_number(parameter))
         if parameter.name in ("refine", "candidates", "bone_length", "cell"):
-            if 0 < value < parameter.default:
+            if 0 < value < usual_number(parameter):
                 return True
         elif parameter.name == "error":  # a search of many fits
             if value > 0:
                 return True
-        elif parameter.name in WORK and parameter.kind is Option.INT and value > parameter.default:
+        elif parameter.name in WORK and parameter.kind is Option.INT and value > usual_number(parameter):
             return True
     if options.get("seeds") == "all" or options.get("quality") == "best":
         return True

@@ -513,7 +513,7 @@ def repeated_bodies(surface: Surface) -> Mask:
     corners = np.stack([corners[rows, (lowest + k) % 3] for k in range(3)], axis=1)
     first = first_equal_row(corners)
     component = surface.components[faces[:, 0]]
-    count = int(component.max()) + 1
+    count = len(surface.closed_components)
     same = first != rows
     whole = np.bincount(component, same, count) == np.bincount(component, minlength=count)
     low, high = np.full(count, count), np.full(count, -1)

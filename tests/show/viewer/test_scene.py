@@ -38,7 +38,11 @@ def test_the_first_result_is_seen_inside_a_see_through_surface(results):
     assert [part.visible for part in shown] == [True, True, False, False]
     surface = parts["surface"]
     assert 0 < surface.opacity < 0.5 and surface.color_by is None
-    assert [field.name for field in surface.fields] == ["thickness", "thin_spot"]
+    assert [field.name for field in surface.fields] == [
+        "thickness",
+        "wall_thickness",
+        "thin_spot",
+    ]
     assert len(places_of(results, np.zeros(3))) == results[1].values["thin_spots"]
 
 
