@@ -194,8 +194,9 @@ def _dear(chosen: Operation, options: Mapping[str, Any]) -> bool:
         elif parameter.name == "error":  # a search of many fits
             if value > 0:
                 return True
-        elif parameter.name in WORK and parameter.kind is Option.INT and value > usual_number(parameter):
-            return True
+        elif parameter.name in WORK and parameter.kind is Option.INT:
+            if value > usual_number(parameter):
+                return True
     if options.get("seeds") == "all" or options.get("quality") == "best":
         return True
     return bool(options.get("pairs"))
