@@ -187,16 +187,16 @@ def _drawn(rng: random.Random, parameter: Parameter, points: int, folder: Path) 
 def _dear(chosen: Operation, options: Mapping[str, Any]) -> bool:
     """Whether an option asks for more work than its default."""
     for parameter in chosen.parameters:
-        value = options.get(parameter.name, usual_number(parameter))
+        usual = usual_number(parameter)
+        value = options.get(parameter.name, usual)
         if parameter.name in ("refine", "candidates", "bone_length", "cell"):
-            if 0 < value < usual_number(parameter):
+            if 0 < value < usual:
                 return True
         elif parameter.name == "error":  # a search of many fits
             if value > 0:
                 return True
-        elif parameter.name in WORK and parameter.kind is Option.INT:
-            if value > usual_number(parameter):
-                return True
+        elif parameter.name in WORK and parameter.kind is Option.INT and value > usual:
+            return True
     if options.get("seeds") == "all" or options.get("quality") == "best":
         return True
     return bool(options.get("pairs"))
