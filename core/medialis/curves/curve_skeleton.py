@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CurveEvidence(Described):
-    """What a curve skeleton from balls was made of.
+    """What a curve skeleton of a mesh was made of.
 
     Attributes
     ----------
-    measured : CandidateMeasure
-        Of all k skeleton points.
+    measured : CandidateMeasure or None
+        Of all k skeleton points; None where it was made from level sets, without candidates.
     candidates : (c,) int32
         Rows of the skeleton points that are candidates.
     importance : (c,) float64
@@ -49,7 +49,7 @@ class CurveEvidence(Described):
         which the solid is a guess: a wall ends there, or there is no outside.
     """
 
-    measured: CandidateMeasure
+    measured: CandidateMeasure | None
     candidates: IntArray
     importance: FloatArray
     kept: Mask
@@ -58,6 +58,15 @@ class CurveEvidence(Described):
     missing: tuple[Positions, ...] = ()
     seams: int = 0
     unclear: int = 0
+
+    @classmethod
+    def of_level_sets(
+        cls, genus: dict[int, int], loops: dict[int, int], seams: int, unclear: int
+    ) -> CurveEvidence:
+        """Return the evidence of a skeleton that is not made of balls."""
+        none = frozen(np.empty(0), np.int32), frozen(np.empty(0), np.float64)
+        stay = frozen(np.empty(0), np.bool_)
+        return cls(None, *none, stay, genus, loops, (), seams, unclear)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -1,5 +1,8 @@
 """The curve skeleton of a mesh from its surface skeleton, as a graph (thesis 3.6).
 
+Shapes whose limbs are hundreds of times as long as thick get theirs from level sets instead
+(`from_level_sets.py`): lengths that are fractions of the whole size lose such limbs.
+
 A limb has samples as close as it is thin, whatever its triangles (`limb_sampling.py`). A branch is
 left out when less than a square with the threshold as its side hangs on it at its base; others run
 to their tips (deviation from thesis 3.6.3, which ends them where less hangs on them).
@@ -17,26 +20,28 @@ shape. Given balls stay as they are.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound, kept
-from medialis.base.options import AUTO, Options, algorithm, changed, length, number
+from medialis.base.options import AUTO, Options, algorithm, changed, choice, length, number
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.candidates import (
+    HALF_ROUND,
     CandidateMeasure,
     candidate_measure,
     smooth_importance,
 )
 from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
 from medialis.curves.finishing import SimplifyOptions, finish_graph, simplify_branches
+from medialis.curves.from_level_sets import level_ground, level_set_skeleton
 from medialis.curves.growth import (
     NEIGHBOURS,
     Handles,
@@ -68,6 +73,20 @@ SHARPEST = 1.5 * np.pi  # halved 0 %, doubled 45 %
 """Squares of the radius that hang on a point of a limb at least. A ball in a cone that tapers by 60
 degrees parts cos^2 30 / sin 30 pi r^2 of it from the rest, the middle of a half ball 2 pi r^2, a
 ball in the corner of a cube 3 r^2."""
+
+SLENDER = 1000.0
+"""Length of all limbs over their radius from which level sets are used: balls would take more
+samples than there may be. Bodies of animals, hands and machine parts have 20 to 125, a spider 570,
+neurons 9,000."""
+
+ACROSS = np.radians(120.0)
+"""Spoke angle of balls that touch both sides of a tube at least."""
+
+THIN, FEW = 1.5, 0.2
+"""Level sets are used as well where more than this share of the length of all limbs is thinner than
+so many times the thinnest limb that has candidates."""
+
+Method = Literal["auto", "balls", "level_sets"]
 
 ATTEMPTS = 3  # halved 0 %, doubled 0 %
 """To find loops that are missing, each on a finer mesh than the one before."""
@@ -169,6 +188,20 @@ class CurveSkeletonOptions(InvariantPreparation):
         high=10.0,
     )
     simplify: float = changed(SimplifyOptions, "simplify", default=0.0)
+    skeleton_method: Method = choice(
+        "auto",
+        "Method",
+        "What the skeleton is made from.",
+        {
+            "auto": "From level sets where limbs are hundreds of times as long as thick, else from "
+            "balls.",
+            "balls": "From the balls of the surface skeleton, as in the thesis: best centered in "
+            "bodies that are not round.",
+            "level_sets": "From level sets of the distance along the surface: finds limbs however "
+            "thin they are; takes holes and crossing surfaces.",
+        },
+        advanced=True,
+    )
     candidates: float = length(
         AUTO,
         "Candidates",
@@ -179,6 +212,55 @@ class CurveSkeletonOptions(InvariantPreparation):
         advanced=True,
         auto=0.005,
     )
+
+    def auto_values(
+        self, data: Any, starts: Mapping[str, float], progress: Progress
+    ) -> dict[str, float]:
+        """Choose automatic lengths; none is needed for level sets."""
+        if isinstance(data, Shape) and by_level_sets(data, self, progress):
+            return {}
+        return super().auto_values(data, starts, progress)
+
+    def unused_options(self, data: Any) -> frozenset[str]:
+        """Return the options that do not matter for balls."""
+        own = {"skeleton_method"} if isinstance(data, MedialCloud) else set()
+        return super().unused_options(data) | own
+
+
+def by_level_sets(shape: Shape, options: CurveSkeletonOptions, progress: Progress) -> bool:
+    """Whether the skeleton of a shape is made from level sets: where most limbs are slender.
+
+    A length of candidates that was given is for balls.
+    """
+    if shape.faces is None or options.skeleton_method == "balls":
+        return False
+    if options.skeleton_method == "level_sets":
+        return True
+    if options.candidates != AUTO:
+        return False
+    scale = options.size_scale(shape) * shape.diagonal
+    thinnest = THIN * options.auto_starts()["candidates"] * scale / (HALF_ROUND * np.pi)
+    slender, thin = _rough_slenderness(shape, thinnest, progress)
+    if slender < SLENDER and thin < FEW:
+        return False
+    web = level_ground(shape, progress)
+    return web.slenderness >= SLENDER or web.share_below(thinnest) > FEW
+
+
+def _rough_slenderness(shape: Shape, thinnest: float, progress: Progress) -> tuple[float, float]:
+    """Estimate the slenderness as if the shape were of tubes alone, and the share that is thin.
+
+    Balls that touch on both sides measure tubes; others belong to edges and noise.
+    """
+    balls, _ = shrink(shape, ShrinkOptions(), progress.still)
+    rows = np.flatnonzero(balls.valid & (balls.spoke_angles > ACROSS) & (balls.radii > 0.0))
+    radii, area = balls.radii[rows], shape.point_areas[balls.source[rows]]
+    length = area / (2.0 * np.pi * radii)
+    total = float(length.sum())
+    if total <= 0.0:
+        return 0.0, 0.0
+    mean = float(np.exp(length @ np.log(radii) / total))
+    return total / mean, float(length[radii < thinnest].sum()) / total
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -425,6 +507,8 @@ def _from_shape(shape: Shape, options: CurveSkeletonOptions, progress: Progress)
             "A curve skeleton needs a surface with faces, got a point cloud: reconstruct a surface "
             "first, or use view_curve_skeleton, which takes point clouds."
         )
+    if by_level_sets(shape, options, progress):
+        return _from_level_sets(shape, options, progress)
     with progress.stage("skeleton", 0.0, 0.2):
         cloud = limb_balls(shape, options, progress)
         surface = cloud.surface
@@ -447,6 +531,31 @@ def _from_shape(shape: Shape, options: CurveSkeletonOptions, progress: Progress)
         text = f"{was} added where handles are thin, to find their loops."
         progress.note(text, "handles_refined", samples=more)
     return best
+
+
+def _from_level_sets(
+    shape: Shape, options: CurveSkeletonOptions, progress: Progress
+) -> CurveSkeleton:
+    """Compute the curve skeleton of the shape as it is, but for what was asked to be prepared."""
+    asked = {
+        "refine": 0.0 if options.refine == AUTO else options.refine,
+        "denoise": "off" if options.denoise == "auto" else options.denoise,
+    }
+    balls = SurfaceSkeletonOptions.taken_from(options, **asked)
+    with progress.stage("skeleton", 0.0, 0.3):
+        cloud = surface_skeleton.of(shape, balls, progress.still)
+    smallest = 0.0
+    if options.threshold != AUTO:
+        smallest = (options.threshold * cloud.surface.diagonal) ** 2
+    with progress.stage("curve skeleton", 0.3, 1.0):
+        graph = level_set_skeleton(cloud, options.smoothing, smallest, progress)
+    slender = level_ground(cloud.surface, progress).slenderness
+    text = (
+        f"All limbs together are {slender:,.0f} times as long as thick: the skeleton follows level "
+        "sets of the distance along the surface, so that thin ones count as thick ones do."
+    )
+    progress.note(text, "level_sets", slenderness=slender)
+    return simplify_branches.of(graph, options, progress) if options.simplify > 0 else graph
 
 
 def _evidence(graph: CurveSkeleton) -> CurveEvidence:

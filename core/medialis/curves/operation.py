@@ -486,10 +486,7 @@ def run(shape: Shape, options: CurveSkeletonOptions, progress: Progress) -> Outc
         values=_values(cloud.surface, graph, evidence, sheet),
         arrays={
             **cloud_arrays(cloud),
-            "tangent": numbers(evidence.measured.tangents),
-            "candidate_measure": evidence.measured.measure,
-            "candidates": evidence.candidates,
-            "area_importance": evidence.importance,
+            **_candidate_arrays(evidence),
             "nodes": places(graph.nodes),
             "edges": graph.edges,
             "node_radius": graph.radii,
@@ -500,6 +497,18 @@ def run(shape: Shape, options: CurveSkeletonOptions, progress: Progress) -> Outc
         },
         extras={"graph": graph},
     )
+
+
+def _candidate_arrays(evidence: CurveEvidence) -> dict[str, Any]:
+    """Return the arrays of the candidates; none for level sets."""
+    if evidence.measured is None:
+        return {}
+    return {
+        "tangent": numbers(evidence.measured.tangents),
+        "candidate_measure": evidence.measured.measure,
+        "candidates": evidence.candidates,
+        "area_importance": evidence.importance,
+    }
 
 
 def _parts_layer(shape: Shape, graph: CurveSkeleton) -> Layer:
@@ -517,6 +526,7 @@ def _by_importance(surface: Shape) -> dict[str, Any]:
 
 
 def _candidates_layer(cloud: MedialCloud, evidence: CurveEvidence) -> Layer:
+    assert evidence.measured is not None
     rows, known = evidence.candidates, _by_importance(cloud.surface)
     measured = {"measure": evidence.measured.measure[rows], "importance": evidence.importance}
     source, stay = cloud.source[rows], evidence.kept.astype(np.int32)

@@ -576,6 +576,8 @@ class SolidBoundary:
         Those of the mesh, and those that close holes.
     twins : (3q,) int64
         The same edge in the neighbouring face. Two edges may have the same ends.
+    vertex : (p,) int64
+        Vertex of the mesh that each point is a copy of; -1 for the middles of holes.
     component : (p,) int32
         Component of the mesh (`Surface.components`) that each point belongs to.
     seams : (c,) int64
@@ -589,6 +591,7 @@ class SolidBoundary:
     points: FloatArray
     faces: IntArray
     twins: Index
+    vertex: Index
     component: IntArray
     seams: Index
     unclear: Index
@@ -613,8 +616,13 @@ def solid_boundary(surface: Surface) -> SolidBoundary:
     twins[a], twins[b] = b, a
     points, component = surface.points[vertex], surface.components[vertex]
     seams = np.concatenate([np.flatnonzero(several), table.low[many]])
+    points, faces, twins, component = _closed(points, faces, twins, component)
     return SolidBoundary(
-        *_closed(points, faces, twins, component),
+        points,
+        faces,
+        twins,
+        np.concatenate([vertex, np.full(len(points) - len(vertex), -1)]),
+        component,
         np.bincount(surface.components[seams], minlength=count),
         np.bincount(surface.components[table.low[unclear]], minlength=count),
     )

@@ -1,0 +1,599 @@
+"""The curve skeleton of a mesh from its level sets (`level_sets.py`), for thin and branching shapes.
+
+Each contour is a node at its centroid. Branches that do not stick out of the limb at their base go;
+an end is the center of the largest ball that touches the tip. Pieces of the surface that touch are
+joined by an edge, others have a graph of their own.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from medialis.base.arrays import Index, Mask, kd_tree, unit_rows
+from medialis.base.box_tree import NearestTree
+from medialis.base.kept import Bound, kept
+from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently
+from medialis.base.validation import FloatArray
+from medialis.curves.curve_skeleton import CurveEvidence, CurveSkeleton
+from medialis.curves.finishing import smooth_nodes
+from medialis.curves.level_sets import LevelSets, level_sets
+from medialis.curves.persistence import node_persistence
+from medialis.shape.shape import Shape
+from medialis.shape.surface import solid_boundary
+from medialis.skeleton.medial_cloud import MedialCloud
+
+NONE = np.empty((0, 2), np.int64)
+
+HIGH, LONG = 1.5, 5.0
+"""A limb sticks out by 1.5 radii of its base, or by five of its own radii where that is less:
+a finger is longer than thick, a spine longer than wide, and a bump is neither."""
+
+DEEP = 0.8
+"""Share of its radius: a tip that is so far inside of another limb does not stick out."""
+
+CENTERINGS, SMOOTHINGS = 2, 4
+"""Times that contours are centered, and that their middles are smoothed to find the limb's way."""
+
+FLAT = 1e-6
+"""Area over the square of the perimeter up to which a section has no middle."""
+
+FEW_NEIGHBOURS = 8
+"""Nearest points that are looked at first for one of another piece."""
+
+
+@dataclass(frozen=True, eq=False)
+class Web:
+    """The graph of contours and bands: v nodes, contours first.
+
+    Attributes
+    ----------
+    nodes : (v, 3) float64
+    radii : (v,) float64
+        Distance to the surface.
+    widths : (v,) float64
+        Radius of the circle with the area of the contour; of bands the second largest one beside:
+        at a fork that of the limb that goes on.
+    edges : (e, 2) int64
+    tips : (v, 3) float64
+        The place on the surface where a band ends; NaN elsewhere.
+    node_of_point : (p,) int64
+        -1 for points without faces.
+    inside_of : (v,) int64
+        The node whose ball, smaller by a share, a tip is deepest in; -1 for none, and for others.
+    """
+
+    nodes: FloatArray
+    radii: FloatArray
+    widths: FloatArray
+    edges: Index
+    tips: FloatArray
+    node_of_point: Index
+    inside_of: Index
+
+
+def web_of(levels: LevelSets) -> Web:
+    """Return the graph of contours and bands of level sets."""
+    count, bands = len(levels.centers), levels.band_count
+    owner, other = levels.bands.T
+    degree = np.bincount(levels.bands.ravel(), minlength=bands)
+    sides = np.concatenate([owner, other])
+    contour = np.tile(np.arange(count), 2)
+    # Of a band: the middle between its two widest contours.
+    order = np.lexsort([-levels.perimeters[contour], sides])
+    first = np.searchsorted(sides[order], np.arange(bands))
+    some = degree > 0
+    widest = np.zeros((bands, 2), np.int64)
+    widest[some] = contour[order[first[some]]][:, None]
+    two = degree > 1
+    widest[two, 1] = contour[order[first[two] + 1]]
+    centers, sizes = centered(levels, widest)
+    nodes = np.concatenate([centers, centers[widest].mean(axis=1)])
+    widths = np.concatenate([sizes, np.where(some, sizes[widest[:, 1]], 0.0)])
+    tips = np.full_like(nodes, np.nan)
+    known = np.flatnonzero(levels.band_of_point >= 0)
+    of_point = levels.band_of_point[known]
+    order = np.lexsort([levels.distance[known], of_point])
+    begin = np.searchsorted(of_point[order], np.arange(bands + 1))
+    points = levels.boundary.points
+    starts = np.bincount(owner, minlength=bands) > 0  # its contours are behind it
+    ends = np.flatnonzero(degree == 1)  # with a nearest or a farthest point
+    place = np.where(starts[ends], begin[ends], begin[ends + 1] - 1)
+    tips[count + ends] = points[known[order[place]]]
+    nodes[count + ends] = tips[count + ends]
+    alone = np.flatnonzero(degree == 0)
+    for one in alone.tolist():
+        nodes[count + one] = points[known[order[begin[one] : begin[one + 1]]]].mean(axis=0)
+    edges = np.concatenate(
+        [np.column_stack([np.arange(count), count + row]) for row in (owner, other)]
+    )
+    tree = NearestTree.of_triangles(points, levels.boundary.faces)
+    radii, _ = tree.distances(nodes)
+    node_of_point = np.where(levels.band_of_point >= 0, count + levels.band_of_point, -1)
+    balls = NearestTree.of_balls(nodes, DEEP * widths)
+    inside_of, some = np.full(len(nodes), -1), np.flatnonzero(np.isfinite(tips[:, 0]))
+    depth, row = balls.distances(tips[some])
+    inside_of[some] = np.where(depth < 0.0, row, -1)
+    return Web(nodes, radii, widths, edges, tips, node_of_point, inside_of)
+
+
+def centered(levels: LevelSets, widest: Index) -> tuple[FloatArray, FloatArray]:
+    """Return the middle of the section that each contour encloses, and its radius.
+
+    Seen along the limb, a contour round a cylinder is its outline, however it tilts or bends: its
+    centroid by area lies on the axis. Along the limb the place is that of the centroid by length.
+
+    Parameters
+    ----------
+    levels : LevelSets
+        c contours.
+    widest : (b, 2) int64
+        The two longest contours of each band, twice the same where there is but one.
+    """
+    count, centers = len(levels.centers), levels.centers
+    first, second = levels.segments[:, 0], levels.segments[:, 1]
+    widths = np.zeros(count)
+    for _ in range(CENTERINGS):
+        smooth = centers
+        for _ in range(SMOOTHINGS):
+            middle = smooth[widest].mean(axis=1)
+            smooth = middle[levels.bands].mean(axis=1)
+        way = unit_rows(np.diff(middle[levels.bands], axis=1)[:, 0])
+        across = unit_rows(np.cross(way, np.eye(3)[np.argmin(np.abs(way), axis=1)]))
+        frame = np.stack([across, np.cross(way, across)], axis=1)[levels.contour]
+        middle_of = centers[levels.contour]
+        ax, ay = np.einsum("sij,sj->is", frame, first - middle_of)
+        bx, by = np.einsum("sij,sj->is", frame, second - middle_of)
+        turn = ax * by - bx * ay
+        area = np.bincount(levels.contour, turn, count) / 2.0
+        moment = [
+            np.bincount(levels.contour, turn * one, count) / 6.0 for one in (ax + bx, ay + by)
+        ]
+        widths = np.sqrt(np.abs(area) / np.pi)
+        flat = np.abs(area) <= FLAT * levels.perimeters**2
+        shift = np.stack(moment, axis=1) / np.where(flat, 1.0, area)[:, None]
+        shift[flat] = 0.0
+        size = np.linalg.norm(shift, axis=1)
+        shift *= np.divide(widths, size, out=np.ones(count), where=size > widths)[:, None]
+        first_of = np.stack([across, np.cross(way, across)], axis=1)
+        centers = centers + np.einsum("ci,cij->cj", shift, first_of)
+    return centers, widths
+
+
+@dataclass
+class _Chains:
+    """Chains of nodes between forks, ends and each other, while some are left out."""
+
+    web: Web
+    rows: dict[int, list[int]]
+    at: dict[int, set[int]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, row in self.rows.items():
+            for end in (row[0], row[-1]):
+                self.at.setdefault(end, set()).add(name)
+
+    def leaf(self, name: int) -> list[int] | None:
+        """Return the nodes of a chain from its fork to its free end; None without either."""
+        row = self.rows[name]
+        free = [len(self.at[end]) == 1 and row[0] != row[-1] for end in (row[0], row[-1])]
+        if free[0] == free[1]:
+            return None
+        return row[::-1] if free[0] else row
+
+    def drop(self, name: int, base: int) -> list[int]:
+        """Leave a leaf out; return the chains at its base, joined where only two are left."""
+        row = self.rows.pop(name)
+        self.at.pop(row[0] if row[-1] == base else row[-1])
+        self.at[base].discard(name)
+        here = sorted(self.at[base])
+        if len(here) != 2:
+            return here
+        first, second = (self.rows[one] for one in here)
+        if first[0] == first[-1] or second[0] == second[-1]:
+            return here
+        first = first if first[-1] == base else first[::-1]
+        second = second if second[0] == base else second[::-1]
+        del self.rows[here[1]], self.at[base]
+        self.rows[here[0]] = first + second[1:]
+        self.at[second[-1]].discard(here[1])
+        self.at[second[-1]].add(here[0])
+        return [here[0]]
+
+
+def _chains(edges: Index, count: int) -> dict[int, list[int]]:
+    """Return the chains of a graph, whose inner nodes have two edges."""
+    near: list[list[int]] = [[] for _ in range(count)]
+    for a, b in edges.tolist():
+        near[a].append(b)
+        near[b].append(a)
+    rows: dict[int, list[int]] = {}
+    seen = set()
+
+    def walk(start: int, then: int) -> list[int]:
+        row = [start, then]
+        while len(near[row[-1]]) == 2 and row[-1] != start:
+            one, two = near[row[-1]]
+            row.append(two if one == row[-2] else one)
+        return row
+
+    for start in range(count):
+        if len(near[start]) in (0, 2):
+            continue
+        for then in near[start]:
+            if (start, then) not in seen:
+                row = walk(start, then)
+                seen.add((row[-1], row[-2]))
+                rows[len(rows)] = row
+    covered = {node for row in rows.values() for node in row}
+    for start in range(count):  # rings
+        if start not in covered and len(near[start]) == 2:
+            row = walk(start, near[start][0])
+            covered.update(row)
+            rows[len(rows)] = row
+    return rows
+
+
+def significance(web: Web, row: list[int]) -> float:
+    """Return how far a limb sticks out of the limb at its base, over what is asked."""
+    base, tip = row[0], row[-1]
+    if web.inside_of[tip] >= 0 and web.inside_of[tip] not in row:
+        return 0.0
+    place = web.tips[tip] if np.isfinite(web.tips[tip, 0]) else web.nodes[tip]
+    away = np.linalg.norm(web.nodes[row] - web.nodes[base], axis=1)
+    room = float(web.widths[base])
+    height = float(np.linalg.norm(place - web.nodes[base])) - room
+    outside = web.widths[np.asarray(row)[away >= room]]
+    width = float(np.median(outside)) if len(outside) else room
+    return height / max(min(HIGH * room, LONG * width), 1e-300)
+
+
+def pruned(
+    web: Web, edges: Index, areas: FloatArray | None = None, smallest: float = 0.0
+) -> tuple[Mask, list[list[int]]]:
+    """Leave out limbs that do not stick out, the least significant first.
+
+    With the area of the surface at each node (v,), those on which less hangs than `smallest` go
+    as well. Returns the nodes that stay, and the chains of them.
+    """
+    chains = _Chains(web, _chains(edges, len(web.nodes)))
+    heap: list[tuple[float, int, int]] = []
+
+    def value(row: list[int]) -> float:
+        sure = significance(web, row)
+        if areas is not None and smallest > 0.0:
+            sure = min(sure, float(np.sqrt(areas[row[1:]].sum() / smallest)))
+        return sure
+
+    def ask(name: int) -> None:
+        row = chains.leaf(name)
+        if row is not None and (sure := value(row)) < 1.0:
+            heapq.heappush(heap, (sure, name, len(row)))
+
+    for name in chains.rows:
+        ask(name)
+    while heap:
+        _, name, length = heapq.heappop(heap)
+        if name not in chains.rows or len(chains.rows[name]) != length:
+            continue
+        row = chains.leaf(name)
+        if row is None or value(row) >= 1.0:
+            continue
+        for other in chains.drop(name, row[0]):
+            ask(other)
+    stays = np.zeros(len(web.nodes), bool)
+    rows = list(chains.rows.values())
+    for row in rows:
+        stays[row] = True
+    return stays, rows
+
+
+def trimmed(web: Web, rows: list[list[int]]) -> Mask:
+    """Choose the nodes up to the center of the largest ball that touches each tip."""
+    stays = np.zeros(len(web.nodes), bool)
+    for row in rows:
+        stays[row] = True
+    degree = np.bincount([end for row in rows for end in (row[0], row[-1])], minlength=len(stays))
+    for row in rows:
+        chain, last = np.asarray(row), len(row) - 1
+        first, behind = (
+            _touching(web, way) if degree[way[0]] == 1 and row[0] != row[-1] else 0
+            for way in (chain, chain[::-1])
+        )
+        if first > last - behind:  # a ball touches both tips
+            first = int(web.radii[chain].argmax())
+            behind = last - first
+        stays[chain[:first]] = False
+        stays[chain[last - behind + 1 :]] = False
+    return stays
+
+
+def _touching(web: Web, way: Index) -> int:
+    """Return the place on the way from a tip of the last ball that contains this tip.
+
+    At least it is as far from the tip as wide: coarse and pointed caps are in no ball.
+    """
+    away = np.linalg.norm(web.nodes[way[:-1]] - web.nodes[way[0]], axis=1)
+    inside = np.flatnonzero(away <= web.widths[way[:-1]])[-1:].sum()
+    return int(max(inside, np.flatnonzero(away > web.widths[way[:-1]])[:1].sum()))
+
+
+def bridges(levels: LevelSets, web: Web) -> Index:
+    """Return edges (b, 2) between the graphs of pieces of the surface that touch.
+
+    Pieces touch at vertices that they share, and where their points are nearer to each other than
+    neighbouring points are: they overlap or were cut apart there.
+    """
+    boundary, node, label = levels.boundary, web.node_of_point, levels.piece.astype(np.int64)
+    used = np.flatnonzero((node >= 0) & (boundary.vertex >= 0))
+    order = used[np.argsort(boundary.vertex[used], kind="stable")]
+    same = boundary.vertex[order[1:]] == boundary.vertex[order[:-1]]
+    pairs = np.column_stack([order[:-1][same], order[1:][same]])
+    pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
+    joined, found = _joined(label, pairs, node)
+    reach = _mean_edges(levels)
+    while True:
+        pairs = _nearest_foreign(boundary.points, joined, used)
+        gap = np.linalg.norm(np.diff(boundary.points[pairs], axis=1)[:, 0], axis=1)
+        pairs = pairs[gap <= reach[pairs].max(axis=1)]
+        if len(pairs) == 0:
+            return np.concatenate(found) if found else NONE
+        gap = np.linalg.norm(np.diff(boundary.points[pairs], axis=1)[:, 0], axis=1)
+        joined, more = _joined(joined, pairs[np.argsort(gap, kind="stable")], node)
+        found += more
+
+
+def _joined(label: Index, pairs: Index, node: Index) -> tuple[Index, list[Index]]:
+    """Join pieces along pairs of points that no others join yet; return new labels and edges."""
+    parent = list(range(int(label.max(initial=-1)) + 1))
+
+    def root(one: int) -> int:
+        while parent[one] != one:
+            parent[one] = parent[parent[one]]
+            one = parent[one]
+        return one
+
+    found = []
+    for a, b in pairs.tolist():
+        one, two = root(int(label[a])), root(int(label[b]))
+        if one != two:
+            parent[max(one, two)] = min(one, two)
+            found.append(np.array([[node[a], node[b]]]))
+    roots = np.array([root(one) for one in range(len(parent))], np.int64)
+    return roots[label], found
+
+
+def _mean_edges(levels: LevelSets) -> FloatArray:
+    """Return the mean length of the edges at each point of the boundary, (p,)."""
+    faces, points = levels.boundary.faces, levels.boundary.points
+    total, number = np.zeros((2, len(points)))
+    for j in range(3):
+        here, there = faces[:, j], faces[:, (j + 1) % 3]
+        length = np.linalg.norm(points[here] - points[there], axis=1)
+        total += np.bincount(here, length, len(points))
+        number += np.bincount(here, minlength=len(points))
+    return np.asarray(total / np.maximum(number, 1))
+
+
+def _nearest_foreign(points: FloatArray, label: Index, used: Index) -> Index:
+    """Return the pair of points from each piece to the nearest other one, (k, 2).
+
+    The k nearest of each point are asked, with k twice as large until no nearer one can be left.
+    """
+    _, piece = np.unique(label[used], return_inverse=True)
+    count = int(piece.max(initial=-1)) + 1
+    if count < 2:
+        return NONE
+    at = points[used]
+    tree, rows, near = kd_tree(at), np.arange(len(used)), FEW_NEIGHBOURS
+    largest = int(np.bincount(piece).argmax())
+    rows = rows[piece != largest]  # its neighbours find it
+    best, pair = np.full(count, np.inf), np.full((count, 2), -1)
+    while len(rows):
+        near = min(near, len(used))
+        distance, index = tree.query(at[rows], near)
+        foreign = piece[index] != piece[rows, None]
+        has = foreign.any(axis=1)
+        place = foreign.argmax(axis=1)
+        line = np.flatnonzero(has)
+        gap = distance[line, place[line]]
+        order = np.lexsort([gap, piece[rows[line]]])[::-1]  # the nearest of each piece is last
+        mine = piece[rows[line[order]]]
+        nearer = gap[order] < best[mine]
+        mine, chosen = mine[nearer], line[order][nearer]
+        best[mine] = distance[chosen, place[chosen]]
+        pair[mine] = np.column_stack([rows[chosen], index[chosen, place[chosen]]])
+        if near == len(used):
+            break
+        rows = rows[~has & (distance[:, -1] < best[piece[rows]])]
+        near *= 2
+    return used[pair[pair[:, 0] >= 0]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LevelGround(Bound):
+    """The level sets of a mesh and their graph: the same for every threshold and smoothing."""
+
+    web: Web
+    contours: int
+    edges: Index
+    areas: FloatArray
+    genus: dict[int, int]
+    seams: int
+    unclear: int
+
+    @cached_property
+    def _measured(self) -> tuple[FloatArray, FloatArray]:
+        """Length and radius of the steps along all limbs."""
+        _, rows = pruned(self.web, self.edges)
+        links = np.concatenate([np.column_stack([row[:-1], row[1:]]) for row in rows] or [NONE])
+        step = np.linalg.norm(np.diff(self.web.nodes[links], axis=1)[:, 0], axis=1)
+        width = self.web.widths[links].mean(axis=1)
+        known = (step > 0.0) & (width > 0.0)
+        return step[known], width[known]
+
+    @property
+    def slenderness(self) -> float:
+        """Length of all limbs over their radius, in the geometric mean by length."""
+        step, width = self._measured
+        total = float(step.sum())
+        return total / float(np.exp(step @ np.log(width) / total)) if total > 0.0 else 0.0
+
+    def share_below(self, radius: float) -> float:
+        """Return the share of the length of all limbs that is thinner than a radius."""
+        step, width = self._measured
+        total = float(step.sum())
+        return float(step[width < radius].sum()) / total if total > 0.0 else 0.0
+
+
+def level_ground(surface: Shape, progress: Progress) -> LevelGround:
+    """Return the level sets of a mesh, kept with it."""
+
+    def work() -> LevelGround:
+        return run_patiently(lambda: _ground(surface), progress)
+
+    return kept(level_ground, surface, None, work, progress)
+
+
+def _ground(surface: Shape) -> LevelGround:
+    boundary = solid_boundary(surface)
+    levels = level_sets(boundary)
+    web = web_of(levels)
+    edges = np.concatenate([web.edges, bridges(levels, web)])
+    node = web.node_of_point[: surface.point_count]
+    known = node >= 0
+    areas = np.bincount(node[known], surface.point_areas[known], len(web.nodes))
+    used = np.bincount(boundary.faces.ravel(), minlength=len(boundary.points)) > 0
+    count = len(boundary.seams)
+    points = np.bincount(boundary.component[used], minlength=count)
+    faces = np.bincount(boundary.component[boundary.faces[:, 0]], minlength=count)
+    first = np.unique(levels.piece[used], return_index=True)[1]
+    pieces = np.bincount(boundary.component[used][first], minlength=count)
+    handles = pieces - (points - faces // 2) // 2  # Euler: points - edges + faces = 2 - 2 genus
+    genus = {int(one): int(handles[one]) for one in np.flatnonzero(pieces)}
+    doubts = int(boundary.seams.sum()), int(boundary.unclear.sum())
+    return LevelGround(web, len(levels.centers), edges, areas, genus, *doubts)
+
+
+def level_set_skeleton(
+    cloud: MedialCloud, smoothing: float, smallest: float, progress: Progress
+) -> CurveSkeleton:
+    """Return the curve skeleton of a mesh from its level sets.
+
+    Parameters
+    ----------
+    cloud : MedialCloud
+        Balls of a mesh.
+    smoothing : float
+        As in `medialis.curve_skeleton`.
+    smallest : float
+        Area below which a limb is left out.
+    progress : Progress
+
+    Returns
+    -------
+    CurveSkeleton
+        Its radii are those of circles with the area of the cross-section.
+    """
+    ground = level_ground(cloud.surface, progress)
+    return run_patiently(lambda: _grown(cloud, ground, smoothing, smallest), progress)
+
+
+def _grown(
+    cloud: MedialCloud, ground: LevelGround, smoothing: float, smallest: float
+) -> CurveSkeleton:
+    web, edges, surface = ground.web, ground.edges, cloud.surface
+    alone = np.bincount(edges.ravel(), minlength=len(web.nodes)) == 0
+    _, rows = pruned(web, edges, ground.areas, smallest)
+    stays = trimmed(web, rows)
+    chains = [_thinned(row[stays[row]], ground.contours) for row in map(np.asarray, rows)]
+    links = np.concatenate([np.column_stack([row[:-1], row[1:]]) for row in chains] or [NONE])
+    shown = alone.copy()
+    for row in chains:
+        shown[row] = True
+    number = np.cumsum(shown) - 1
+    edges_shown = number[links]
+    nodes = smooth_nodes(web.nodes[shown], edges_shown, web.radii[shown], smoothing)
+    near = number[_nearest_shown(web, edges, shown)]
+    of_point = np.where(web.node_of_point >= 0, near[web.node_of_point], -1)
+    node = of_point[: surface.point_count]
+    graph = CurveSkeleton.of(nodes, edges_shown, web.widths[shown], vertex_node=node, cloud=cloud)
+    known = node >= 0
+    areas = np.bincount(node[known], surface.point_areas[known], len(nodes))
+    sure = node_persistence(graph, graph.radii, areas, smallest)
+    counts = _by_joined_parts(graph, surface, ground.genus)
+    evidence = CurveEvidence.of_level_sets(*counts, ground.seams, ground.unclear)
+    hangs = hanging_areas(graph, areas)
+    return replace(graph, importance=hangs, persistence=sure, evidence=evidence)
+
+
+def _by_joined_parts(
+    graph: CurveSkeleton, surface: Shape, genus: dict[int, int]
+) -> tuple[dict[int, int], dict[int, int]]:
+    """Return handles and loops by the lowest component of the surface that a graph joins."""
+    node = np.asarray(graph.vertex_node)
+    known = node >= 0
+    part = np.full(graph.component_count, surface.point_count)
+    np.minimum.at(part, graph.components[node[known]], surface.components[known])
+    number = np.bincount(graph.components[graph.edges[:, 0]], minlength=len(part))
+    loops = number - np.bincount(graph.components, minlength=len(part)) + 1
+    joined = np.arange(int(surface.components.max(initial=0)) + 1)
+    joined[surface.components[known]] = part[graph.components[node[known]]]
+    handles: dict[int, int] = {}
+    closed: dict[int, int] = {}
+    for one, count in genus.items():
+        handles[int(joined[one])] = handles.get(int(joined[one]), 0) + count
+    for one, count in zip(part.tolist(), loops.tolist(), strict=True):
+        closed[one] = closed.get(one, 0) + count
+    return handles, closed
+
+
+def hanging_areas(graph: CurveSkeleton, areas: FloatArray) -> FloatArray:
+    """Return the area on the smaller side of each node, (v,): what would go with the limb there.
+
+    By a spanning tree from the node with the largest radius of each component. `areas` (v,) are
+    those of the surface next to each node.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order
+
+    v = len(graph.nodes)
+    both = np.concatenate([graph.edges, graph.edges[:, ::-1]]).T
+    matrix = coo_array((np.ones(both.shape[1]), both), (v, v)).tocsr()
+    whole = np.bincount(graph.components, areas)[graph.components]
+    order = np.lexsort([-graph.radii, graph.components])
+    roots = order[np.unique(graph.components[order], return_index=True)[1]]
+    below = areas.astype(np.float64)
+    for root in roots.tolist():
+        rows, before = breadth_first_order(matrix, root, directed=False)
+        for row in rows[:0:-1].tolist():
+            below[before[row]] += below[row]
+    return np.asarray(np.where(below < whole, np.minimum(below, whole - below), whole))
+
+
+def _thinned(row: Index, contours: int) -> Index:
+    """Leave out the bands inside of a chain: contours are half a radius apart."""
+    if len(row) < 6:
+        return row
+    inner = row[1:-1]
+    return np.concatenate([row[:1], inner[inner < contours], row[-1:]])
+
+
+def _nearest_shown(web: Web, edges: Index, shown: Mask) -> Index:
+    """Return the nearest node of the skeleton along the graph for each node, (v,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    v = len(web.nodes)
+    length = np.linalg.norm(np.diff(web.nodes[edges], axis=1)[:, 0], axis=1)
+    tiny = 1e-12 * max(float(length.max(initial=0.0)), 1e-300)
+    both = np.concatenate([edges, edges[:, ::-1]])
+    graph = coo_array((np.tile(length + tiny, 2), both.T), (v, v)).tocsr()
+    _, _, source = dijkstra(
+        graph, indices=np.flatnonzero(shown), min_only=True, return_predecessors=True
+    )
+    return np.asarray(source)
