@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -103,7 +104,7 @@ def _add_axis(tree, places, radii, after=None):
     tree.nodes.extend(places)
     tree.radii.extend(radii)
     rows = list(range(first, first + len(places)))
-    tree.edges.extend(zip(rows[:-1], rows[1:], strict=True))
+    tree.edges.extend(itertools.pairwise(rows))
     if after is not None:
         tree.edges.append((after, rows[0]))
     return rows
@@ -111,7 +112,7 @@ def _add_axis(tree, places, radii, after=None):
 
 def _patch(tree, rng, number, wide, high):
     """Cut a patch of quads out of a tube; return the rows round it, its middle, and its ring."""
-    rings, places, ways, radii, rows = tree.tubes[number]
+    rings = tree.tubes[number][0]
     count = len(rings[0])
     for _ in range(200):
         k = int(rng.integers(1, max(len(rings) - high - 1, 2)))
@@ -131,8 +132,7 @@ def _patch(tree, rng, number, wide, high):
     row += [rings[k + y][(j + wide) % count] for y in range(high)]
     row += [rings[k + high][(j + wide - x) % count] for x in range(wide)]
     row += [rings[k + high - y][j] for y in range(high)]
-    inner = [rings[k + y][(j + x) % count] for x in range(1, wide) for y in range(1, high)]
-    return row, inner, k + high // 2
+    return row, k + high // 2
 
 
 def tube_tree(
@@ -191,14 +191,14 @@ def tube_tree(
         tries += 1
         spine = todo[made] == "spine"
         number = int(rng.integers(len(tree.tubes)))
-        rings, places, ways, radii, rows = tree.tubes[number]
+        rings, places, ways, _, rows = tree.tubes[number]
         count = len(rings[0])
         wide = max(1, count // 4) if not spine else 1
         high = max(1, round(wide / elongation)) if not spine else 1
         found = _patch(tree, rng, number, wide, high)
         if found is None:
             continue
-        ring, _, k = found
+        ring, k = found
         middle = np.mean([tree.points[row] for row in ring], axis=0)
         out = middle - places[k]
         out -= (out @ ways[k]) * ways[k]

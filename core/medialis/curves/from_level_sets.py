@@ -1,4 +1,4 @@
-"""The curve skeleton of a mesh from its level sets (`level_sets.py`), for thin and branching shapes.
+"""The curve skeleton of a thin, branching mesh from its level sets (`level_sets.py`).
 
 Each contour is a node at its centroid. Branches that do not stick out of the limb at their base go;
 an end is the center of the largest ball that touches the tip. Pieces of the surface that touch are
@@ -79,46 +79,57 @@ class Web:
 def web_of(levels: LevelSets) -> Web:
     """Return the graph of contours and bands of level sets."""
     count, bands = len(levels.centers), levels.band_count
-    owner, other = levels.bands.T
-    degree = np.bincount(levels.bands.ravel(), minlength=bands)
-    sides = np.concatenate([owner, other])
-    contour = np.tile(np.arange(count), 2)
-    # Of a band: the middle between its two widest contours.
-    order = np.lexsort([-levels.perimeters[contour], sides])
-    first = np.searchsorted(sides[order], np.arange(bands))
-    some = degree > 0
-    widest = np.zeros((bands, 2), np.int64)
-    widest[some] = contour[order[first[some]]][:, None]
-    two = degree > 1
-    widest[two, 1] = contour[order[first[two] + 1]]
-    centers, sizes = centered(levels, widest)
-    nodes = np.concatenate([centers, centers[widest].mean(axis=1)])
-    widths = np.concatenate([sizes, np.where(some, sizes[widest[:, 1]], 0.0)])
+    widest, degree = _widest(levels)
+    centers, sizes = centered(levels, widest) if count else (np.zeros((1, 3)), np.zeros(1))
+    nodes = np.concatenate([centers[:count], centers[widest].mean(axis=1)])
+    widths = np.concatenate([sizes[:count], sizes[widest[:, 1]]])
+    ends, alone = count + np.flatnonzero(degree == 1), count + np.flatnonzero(degree == 0)
     tips = np.full_like(nodes, np.nan)
+    tips[ends], nodes[alone] = _end_points(levels, degree)
+    nodes[ends] = tips[ends]
+    points, faces = levels.boundary.points, levels.boundary.faces
+    radii, _ = NearestTree.of_triangles(points, faces).distances(nodes)
+    widths[alone] = radii[alone]
+    row = np.arange(count)
+    edges = np.concatenate([np.column_stack([row, count + one]) for one in levels.bands.T])
+    node_of_point = np.where(levels.band_of_point >= 0, count + levels.band_of_point, -1)
+    inside_of = np.full(count + bands, -1)
+    depth, ball = NearestTree.of_balls(nodes, DEEP * widths).distances(tips[ends])
+    inside_of[ends] = np.where(depth < 0.0, ball, -1)
+    return Web(nodes, radii, widths, edges, tips, node_of_point, inside_of)
+
+
+def _widest(levels: LevelSets) -> tuple[Index, Index]:
+    """Return the two longest contours of each band, twice the same where there is but one.
+
+    And how many contours each band has.
+    """
+    bands = levels.band_count
+    sides = levels.bands.T.ravel()
+    contour = np.tile(np.arange(len(levels.centers)), 2)
+    degree = np.bincount(sides, minlength=bands)
+    order = np.lexsort((-levels.perimeters[contour], sides))
+    first = np.searchsorted(sides[order], np.arange(bands))
+    widest = np.zeros((bands, 2), np.int64)
+    some, two = degree > 0, degree > 1
+    widest[some] = contour[order[first[some]]][:, None]
+    widest[two, 1] = contour[order[first[two] + 1]]
+    return widest, degree
+
+
+def _end_points(levels: LevelSets, degree: Index) -> tuple[FloatArray, FloatArray]:
+    """Return the ends of bands with one contour, and the middles of bands without any."""
+    bands, points = levels.band_count, levels.boundary.points
     known = np.flatnonzero(levels.band_of_point >= 0)
     of_point = levels.band_of_point[known]
-    order = np.lexsort([levels.distance[known], of_point])
-    begin = np.searchsorted(of_point[order], np.arange(bands + 1))
-    points = levels.boundary.points
-    starts = np.bincount(owner, minlength=bands) > 0  # its contours are behind it
-    ends = np.flatnonzero(degree == 1)  # with a nearest or a farthest point
+    order = known[np.lexsort((levels.distance[known], of_point))]
+    begin = np.searchsorted(levels.band_of_point[order], np.arange(bands + 1))
+    starts = np.bincount(levels.bands[:, 0], minlength=bands) > 0  # the contour is behind it
+    ends = np.flatnonzero(degree == 1)
     place = np.where(starts[ends], begin[ends], begin[ends + 1] - 1)
-    tips[count + ends] = points[known[order[place]]]
-    nodes[count + ends] = tips[count + ends]
     alone = np.flatnonzero(degree == 0)
-    for one in alone.tolist():
-        nodes[count + one] = points[known[order[begin[one] : begin[one + 1]]]].mean(axis=0)
-    edges = np.concatenate(
-        [np.column_stack([np.arange(count), count + row]) for row in (owner, other)]
-    )
-    tree = NearestTree.of_triangles(points, levels.boundary.faces)
-    radii, _ = tree.distances(nodes)
-    node_of_point = np.where(levels.band_of_point >= 0, count + levels.band_of_point, -1)
-    balls = NearestTree.of_balls(nodes, DEEP * widths)
-    inside_of, some = np.full(len(nodes), -1), np.flatnonzero(np.isfinite(tips[:, 0]))
-    depth, row = balls.distances(tips[some])
-    inside_of[some] = np.where(depth < 0.0, row, -1)
-    return Web(nodes, radii, widths, edges, tips, node_of_point, inside_of)
+    middles = [points[order[begin[one] : begin[one + 1]]].mean(axis=0) for one in alone.tolist()]
+    return points[order[place]], np.array(middles, np.float64).reshape(-1, 3)
 
 
 def centered(levels: LevelSets, widest: Index) -> tuple[FloatArray, FloatArray]:
@@ -205,37 +216,10 @@ class _Chains:
         return [here[0]]
 
 
-def _chains(edges: Index, count: int) -> dict[int, list[int]]:
-    """Return the chains of a graph, whose inner nodes have two edges."""
-    near: list[list[int]] = [[] for _ in range(count)]
-    for a, b in edges.tolist():
-        near[a].append(b)
-        near[b].append(a)
-    rows: dict[int, list[int]] = {}
-    seen = set()
-
-    def walk(start: int, then: int) -> list[int]:
-        row = [start, then]
-        while len(near[row[-1]]) == 2 and row[-1] != start:
-            one, two = near[row[-1]]
-            row.append(two if one == row[-2] else one)
-        return row
-
-    for start in range(count):
-        if len(near[start]) in (0, 2):
-            continue
-        for then in near[start]:
-            if (start, then) not in seen:
-                row = walk(start, then)
-                seen.add((row[-1], row[-2]))
-                rows[len(rows)] = row
-    covered = {node for row in rows.values() for node in row}
-    for start in range(count):  # rings
-        if start not in covered and len(near[start]) == 2:
-            row = walk(start, near[start][0])
-            covered.update(row)
-            rows[len(rows)] = row
-    return rows
+def _chains(web: Web, edges: Index) -> dict[int, list[int]]:
+    """Return the chains of the graph, whose inner nodes have two edges."""
+    branches = CurveSkeleton.of(web.nodes, edges, web.radii).branches
+    return {number: row.tolist() for number, row in enumerate(branches)}
 
 
 def significance(web: Web, row: list[int]) -> float:
@@ -260,7 +244,7 @@ def pruned(
     With the area of the surface at each node (v,), those on which less hangs than `smallest` go
     as well. Returns the nodes that stay, and the chains of them.
     """
-    chains = _Chains(web, _chains(edges, len(web.nodes)))
+    chains = _Chains(web, _chains(web, edges))
     heap: list[tuple[float, int, int]] = []
 
     def value(row: list[int]) -> float:
@@ -401,7 +385,7 @@ def _nearest_foreign(points: FloatArray, label: Index, used: Index) -> Index:
         place = foreign.argmax(axis=1)
         line = np.flatnonzero(has)
         gap = distance[line, place[line]]
-        order = np.lexsort([gap, piece[rows[line]]])[::-1]  # the nearest of each piece is last
+        order = np.lexsort((gap, piece[rows[line]]))[::-1]  # the nearest of each piece is last
         mine = piece[rows[line[order]]]
         nearer = gap[order] < best[mine]
         mine, chosen = mine[nearer], line[order][nearer]
@@ -427,9 +411,14 @@ class LevelGround(Bound):
     unclear: int
 
     @cached_property
+    def pruned(self) -> tuple[Mask, list[list[int]]]:
+        """The nodes that stay where limbs go that do not stick out, and the chains of them."""
+        return pruned(self.web, self.edges)
+
+    @cached_property
     def _measured(self) -> tuple[FloatArray, FloatArray]:
         """Length and radius of the steps along all limbs."""
-        _, rows = pruned(self.web, self.edges)
+        _, rows = self.pruned
         links = np.concatenate([np.column_stack([row[:-1], row[1:]]) for row in rows] or [NONE])
         step = np.linalg.norm(np.diff(self.web.nodes[links], axis=1)[:, 0], axis=1)
         width = self.web.widths[links].mean(axis=1)
@@ -465,8 +454,7 @@ def _ground(surface: Shape) -> LevelGround:
     web = web_of(levels)
     edges = np.concatenate([web.edges, bridges(levels, web)])
     node = web.node_of_point[: surface.point_count]
-    known = node >= 0
-    areas = np.bincount(node[known], surface.point_areas[known], len(web.nodes))
+    areas = _areas_of(node, surface, len(web.nodes))
     used = np.bincount(boundary.faces.ravel(), minlength=len(boundary.points)) > 0
     count = len(boundary.seams)
     points = np.bincount(boundary.component[used], minlength=count)
@@ -477,6 +465,13 @@ def _ground(surface: Shape) -> LevelGround:
     genus = {int(one): int(handles[one]) for one in np.flatnonzero(pieces)}
     doubts = int(boundary.seams.sum()), int(boundary.unclear.sum())
     return LevelGround(web, len(levels.centers), edges, areas, genus, *doubts)
+
+
+def _areas_of(node: Index, surface: Shape, count: int) -> FloatArray:
+    """Return the area of the surface next to each of `count` nodes."""
+    known = node >= 0
+    area = np.bincount(node[known], surface.point_areas[known], count)
+    return area.astype(np.float64)
 
 
 def level_set_skeleton(
@@ -508,7 +503,7 @@ def _grown(
 ) -> CurveSkeleton:
     web, edges, surface = ground.web, ground.edges, cloud.surface
     alone = np.bincount(edges.ravel(), minlength=len(web.nodes)) == 0
-    _, rows = pruned(web, edges, ground.areas, smallest)
+    _, rows = ground.pruned if smallest == 0.0 else pruned(web, edges, ground.areas, smallest)
     stays = trimmed(web, rows)
     chains = [_thinned(row[stays[row]], ground.contours) for row in map(np.asarray, rows)]
     links = np.concatenate([np.column_stack([row[:-1], row[1:]]) for row in chains] or [NONE])
@@ -522,8 +517,7 @@ def _grown(
     of_point = np.where(web.node_of_point >= 0, near[web.node_of_point], -1)
     node = of_point[: surface.point_count]
     graph = CurveSkeleton.of(nodes, edges_shown, web.widths[shown], vertex_node=node, cloud=cloud)
-    known = node >= 0
-    areas = np.bincount(node[known], surface.point_areas[known], len(nodes))
+    areas = _areas_of(node, surface, len(nodes))
     sure = node_persistence(graph, graph.radii, areas, smallest)
     counts = _by_joined_parts(graph, surface, ground.genus)
     evidence = CurveEvidence.of_level_sets(*counts, ground.seams, ground.unclear)
@@ -565,9 +559,9 @@ def hanging_areas(graph: CurveSkeleton, areas: FloatArray) -> FloatArray:
     both = np.concatenate([graph.edges, graph.edges[:, ::-1]]).T
     matrix = coo_array((np.ones(both.shape[1]), both), (v, v)).tocsr()
     whole = np.bincount(graph.components, areas)[graph.components]
-    order = np.lexsort([-graph.radii, graph.components])
+    order = np.lexsort((-graph.radii, graph.components))
     roots = order[np.unique(graph.components[order], return_index=True)[1]]
-    below = areas.astype(np.float64)
+    below = areas.copy()
     for root in roots.tolist():
         rows, before = breadth_first_order(matrix, root, directed=False)
         for row in rows[:0:-1].tolist():

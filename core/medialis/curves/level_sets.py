@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Index, Mask
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import SolidBoundary, piece_labels
 
@@ -27,7 +27,7 @@ LEVELS_A_RADIUS = 3.0
 """Contours along one radius of a limb."""
 
 LONGEST_EDGE = 32.0
-"""Radii that an edge counts at most: a tube of a few long triangles is straight between its ends."""
+"""Maximum number of radii that an edge counts: a tube of a few long triangles is straight."""
 
 PASSES = 2
 """The second one knows the radii of the limbs from the contours of the first."""
@@ -116,59 +116,64 @@ def _level_sets(
     distance, piece = _distances(boundary, edges, radii)
     value = distance * LEVELS_A_RADIUS + 0.5
     band = np.floor(value).astype(np.int64)
-    faces = boundary.faces.astype(np.int64)
+    corners, sides, turned = _sorted_faces(boundary.faces.astype(np.int64), value, edge_of)
+    ends = np.sort(band[edges], axis=1)
+    bands = band[corners]
+    crossings, levels = _crossings(boundary.points, edges, value, ends)
+    # A segment of a contour leads from the side between the lowest and the highest corner of a face
+    # to one of the others.
+    face, level = _Levels(bands[:, 0], bands[:, 2]).all()
+    other = np.where(level < bands[face, 1], sides[face, 0], sides[face, 1])
+    pairs = np.column_stack([levels.number(sides[face, 2], level), levels.number(other, level)])
+    contour = _numbered(piece_labels(levels.total, pairs))[pairs[:, 0]]
+    back = turned[face]  # seen along the distance, all segments go round on the same side
+    pairs[back] = pairs[back, ::-1]
+    segments = crossings[pairs]
+    centers, perimeters = _centroids(segments, contour)
+    strips, strip = _strips(bands, sides, ends)
+    at, beside = strips.number(face, level), np.zeros((len(centers), 2), np.int64)
+    beside[contour] = np.column_stack([strip[at], strip[at + 1]])
+    of_point = np.full(len(boundary.points), -1)
+    for corner, own in zip(corners.T, bands.T, strict=True):
+        of_point[corner] = strip[strips.number(np.arange(len(corner)), own)]
+    count = int(strip.max(initial=-1)) + 1
+    known = boundary, distance, piece, segments, contour, centers, perimeters
+    return LevelSets(*known, beside, of_point, count)
+
+
+def _sorted_faces(faces: Index, value: FloatArray, edge_of: Index) -> tuple[Index, Index, Mask]:
+    """Return the corners of faces from the lowest to the highest, and the sides between them.
+
+    Sides are those from the lowest to the middle corner, from the middle to the highest, and from
+    the lowest to the highest, (q, 3). True for faces whose corners change their sense of rotation.
+    """
     order = np.argsort(value[faces], axis=1, kind="stable")
-    low, middle, high = np.take_along_axis(faces, order, axis=1).T
-    # The side between two corners starts at one of them: at the third one's successor.
-    rows, third = np.arange(len(faces)), 3 - order[:, :2] - order[:, 1:]
-    after = (np.column_stack([third, 3 - order[:, 0] - order[:, 2]]) + 1) % 3
-    sides = edge_of.reshape(-1, 3)[rows[:, None], after]
-    first = np.sort(band[edges], axis=1)
-    levels = _Levels(first[:, 0], first[:, 1])
+    corners = np.take_along_axis(faces, order, axis=1)
+    opposite = order[:, [2, 0, 1]]  # side j of a face starts at corner j: after the opposite one
+    sides = edge_of.reshape(-1, 3)[np.arange(len(faces))[:, None], (opposite + 1) % 3]
+    return corners, sides, (order[:, 1] - order[:, 0]) % 3 != 1
+
+
+def _crossings(
+    points: FloatArray, edges: Index, value: FloatArray, ends: Index
+) -> tuple[FloatArray, _Levels]:
+    """Return the points where edges cross levels, and their numbers by edge and level."""
+    levels = _Levels(ends[:, 0], ends[:, 1])
     edge, level = levels.all()
     a, b = edges[edge].T
     share = (level + 1.0 - value[a]) / (value[b] - value[a])
-    crossings = boundary.points[a] + share[:, None] * (boundary.points[b] - boundary.points[a])
-    # Segments of contours: from the side between the lowest and the highest corner to one of the
-    # others. Strips are the parts of faces between levels.
-    bands = np.stack([band[low], band[middle], band[high]], axis=1)
-    face, level = _Levels(bands[:, 0], bands[:, 2]).all()
-    lower = level < bands[face, 1]
-    other = np.where(lower, sides[face, 0], sides[face, 1])
-    segments = np.column_stack([levels.number(sides[face, 2], level), levels.number(other, level)])
-    contour, _ = _numbered(piece_labels(levels.total, segments))
-    of_segment = contour[segments[:, 0]]
+    return points[a] + share[:, None] * (points[b] - points[a]), levels
+
+
+def _centroids(segments: FloatArray, contour: Index) -> tuple[FloatArray, FloatArray]:
+    """Return the centroid by length and the length of each contour."""
     count = int(contour.max(initial=-1)) + 1
-    pieces = np.diff(crossings[segments], axis=1)[:, 0]
-    length = np.linalg.norm(pieces, axis=1)
-    perimeters = np.bincount(of_segment, length, count)
-    weight = length + 1e-12 * perimeters[of_segment] + 1e-300
-    middles = crossings[segments].mean(axis=1)
-    total = np.bincount(of_segment, weight, count)
-    centers = [np.bincount(of_segment, weight * middles[:, k], count) / total for k in range(3)]
-    centers = np.stack(centers, axis=1)
-    # Seen along the distance, all segments go round on the same side.
-    back = (order[face, 1] - order[face, 0]) % 3 != 1
-    segments[back] = segments[back, ::-1]
-    strips, strip = _strips(bands, sides, first)
-    ends = np.zeros((count, 2), np.int64)
-    at = strips.number(face, level)
-    ends[of_segment] = np.column_stack([strip[at], strip[at + 1]])
-    of_point = np.full(len(boundary.points), -1)
-    for corner, own in ((low, 0), (middle, 1), (high, 2)):
-        of_point[corner] = strip[strips.number(rows, bands[:, own])]
-    return LevelSets(
-        boundary,
-        distance,
-        piece,
-        crossings[segments],
-        of_segment,
-        centers,
-        perimeters,
-        ends,
-        of_point,
-        int(strip.max(initial=-1)) + 1,
-    )
+    length = np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1)
+    perimeters = np.bincount(contour, length, count)
+    weight = length + 1e-12 * perimeters[contour] + 1e-300  # contours of a single point
+    total, middles = np.bincount(contour, weight, count), segments.mean(axis=1)
+    centers = [np.bincount(contour, weight * middles[:, k], count) / total for k in range(3)]
+    return np.stack(centers, axis=1), perimeters.astype(np.float64)
 
 
 class _Levels:
@@ -220,7 +225,7 @@ def _distances(
     starts = np.unique(piece, return_index=True)[1]
     for _ in range(2):  # from any point to a farthest one, and from there
         distance = np.asarray(dijkstra(graph, indices=starts, min_only=True))
-        order = np.lexsort([distance, piece])
+        order = np.lexsort((distance, piece))
         starts = order[np.append(np.flatnonzero(np.diff(piece[order])), n - 1)]
     return distance, piece
 
@@ -238,10 +243,9 @@ def _strips(bands: Index, sides: Index, ends: Index) -> tuple[_Levels, Index]:
         number = parts.number(side[face[inside]], band[inside])
         links.append(np.column_stack([np.flatnonzero(inside), strips.total + number]))
     label = piece_labels(strips.total + parts.total, np.concatenate(links))[: strips.total]
-    return strips, _numbered(label)[0]
+    return strips, _numbered(label)
 
 
-def _numbered(labels: IntArray) -> tuple[Index, Index]:
-    """Return labels 0, 1, ... in their order, and the given label of each."""
-    known, numbers = np.unique(labels, return_inverse=True)
-    return numbers.astype(np.int64), known.astype(np.int64)
+def _numbered(labels: IntArray) -> Index:
+    """Return labels renamed to 0, 1, ... in their order."""
+    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
