@@ -543,7 +543,7 @@ def _from_level_sets(
     }
     balls = SurfaceSkeletonOptions.taken_from(options, **asked)
     with progress.stage("skeleton", 0.0, 0.3):
-        cloud = surface_skeleton.of(shape, balls, progress.still)
+        cloud = surface_skeleton.of(shape, balls, progress.still).own
     smallest = 0.0
     if options.threshold != AUTO:
         smallest = (options.threshold * cloud.surface.diagonal) ** 2

@@ -36,6 +36,9 @@ a finger is longer than thick, a spine longer than wide, and a bump is neither."
 DEEP = 0.8
 """Share of its radius: a tip that is so far inside of another limb does not stick out."""
 
+FROM_TIP = 1.5
+"""Radii from a tip up to which contours tilt towards it."""
+
 CENTERINGS, SMOOTHINGS = 2, 4
 """Times that contours are centered, and that their middles are smoothed to find the limb's way."""
 
@@ -276,9 +279,12 @@ def pruned(
     return stays, rows
 
 
-def trimmed(web: Web, rows: list[list[int]]) -> Mask:
-    """Choose the nodes up to the center of the largest ball that touches each tip."""
-    stays = np.zeros(len(web.nodes), bool)
+def trimmed(web: Web, rows: list[list[int]]) -> tuple[Mask, FloatArray]:
+    """Let each limb end at the center of the largest ball that touches its tip.
+
+    Returns the nodes that stay, and the positions of all.
+    """
+    stays, nodes = np.zeros(len(web.nodes), bool), web.nodes.copy()
     for row in rows:
         stays[row] = True
     degree = np.bincount([end for row in rows for end in (row[0], row[-1])], minlength=len(stays))
@@ -293,7 +299,26 @@ def trimmed(web: Web, rows: list[list[int]]) -> Mask:
             behind = last - first
         stays[chain[:first]] = False
         stays[chain[last - behind + 1 :]] = False
-    return stays
+        left = chain[first : last - behind + 1]
+        for way, cut in ((left, first), (left[::-1], behind)):
+            if cut and len(way) > 2:
+                _straighten(web, way, row[0] if way[0] == left[0] else row[-1], nodes)
+    return stays, nodes
+
+
+def _straighten(web: Web, way: Index, tip: int, nodes: FloatArray) -> None:
+    """Put the nodes of an end on a line along the limb: contours tilt towards the tip there."""
+    away = np.linalg.norm(web.nodes[way] - web.tips[tip], axis=1)
+    beyond = np.flatnonzero(away > FROM_TIP * web.widths[way])[:1]
+    if len(beyond) == 0 or not 0 < (k := int(beyond[0])) < len(way) - 1:
+        return
+    here, width = web.nodes[way[k]], web.widths[way[k]]
+    steps = np.linalg.norm(web.nodes[way[k:]] - here, axis=1)
+    far = web.nodes[way[k + int((steps >= width).argmax() or len(steps) - 1)]]
+    ahead = (here - far) / max(float(np.linalg.norm(here - far)), 1e-300)
+    reach = float((web.tips[tip] - here) @ ahead) - width
+    if reach > 0.0:
+        nodes[way[:k]] = here + reach * np.linspace(1.0, 0.0, k, endpoint=False)[:, None] * ahead
 
 
 def _touching(web: Web, way: Index) -> int:
@@ -504,7 +529,7 @@ def _grown(
     web, edges, surface = ground.web, ground.edges, cloud.surface
     alone = np.bincount(edges.ravel(), minlength=len(web.nodes)) == 0
     _, rows = ground.pruned if smallest == 0.0 else pruned(web, edges, ground.areas, smallest)
-    stays = trimmed(web, rows)
+    stays, middles = trimmed(web, rows)
     chains = [_thinned(row[stays[row]], ground.contours) for row in map(np.asarray, rows)]
     links = np.concatenate([np.column_stack([row[:-1], row[1:]]) for row in chains] or [NONE])
     shown = alone.copy()
@@ -512,7 +537,7 @@ def _grown(
         shown[row] = True
     number = np.cumsum(shown) - 1
     edges_shown = number[links]
-    nodes = smooth_nodes(web.nodes[shown], edges_shown, web.radii[shown], smoothing)
+    nodes = smooth_nodes(middles[shown], edges_shown, web.radii[shown], smoothing)
     near = number[_nearest_shown(web, edges, shown)]
     of_point = np.where(web.node_of_point >= 0, near[web.node_of_point], -1)
     node = of_point[: surface.point_count]

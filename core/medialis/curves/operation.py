@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import Mask
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options
 from medialis.base.progress import Progress, counted
@@ -445,6 +446,9 @@ SHEET_RADII = 4.0  # halved 100 %, doubled 100 %
 """A place of the surface belongs to a sheet where its ball reaches farther than four radii from the
 curve skeleton: the cross-section is there more than four times as wide (2 4 r) as thick (2 r)."""
 
+LEFT_OUT = 0.05
+"""Share of its area that is not explained from which a warning says so."""
+
 SHEET_SHARE = 0.2  # halved 0 %, doubled 0 %
 """Share of its area on sheets from which a shape is called sheet-like. Shoulder blade: 29 %; thin
 plates: 57 %; rocker arm, a mechanical part with flat arms: 14 %; gears, screwdriver: below 6 %."""
@@ -479,7 +483,7 @@ def run(shape: Shape, options: CurveSkeletonOptions, progress: Progress) -> Outc
         shape=cloud.surface,
         layers=(
             Layer("curve_skeleton", graph.nodes, edges=graph.edges, **known),
-            _parts_layer(shape, graph),
+            _parts_layer(shape, cloud, graph),
             *([_candidates_layer(cloud, evidence)] if len(evidence.candidates) else []),
             samples_layer(cloud.surface),
         ),
@@ -511,9 +515,13 @@ def _candidate_arrays(evidence: CurveEvidence) -> dict[str, Any]:
     }
 
 
-def _parts_layer(shape: Shape, graph: CurveSkeleton) -> Layer:
+def _parts_layer(shape: Shape, cloud: MedialCloud, graph: CurveSkeleton) -> Layer:
     """Layer of the surface with the branch and the node of each of its points."""
-    own = {"branch": np.asarray(graph.vertex_branch), "node": np.asarray(graph.vertex_node)}
+    own = {
+        "branch": np.asarray(graph.vertex_branch),
+        "node": np.asarray(graph.vertex_node),
+        "left_out": left_out(cloud, graph).astype(np.int32),
+    }
     shown: dict[str, Any] = {"color_by": "branch", "labels": ("branch",)}
     # A refined shape has the given points first.
     return surface_layers("curve_skeleton_parts", shape, shape, own, **shown)[0]
@@ -551,6 +559,7 @@ def _values(
         "length": graph.length,
         "candidates": len(evidence.candidates),
         "kept_candidates": int(evidence.kept.sum()),
+        "explained": 1.0 - sheet,
         "sheet_share": sheet,
         "samples": surface.point_count,
         "diagonal": surface.diagonal,
@@ -574,16 +583,25 @@ def branch_rows(graph: CurveSkeleton, samples: NDArray[np.integer] | None = None
     return rows
 
 
-def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
-    """Share of the area whose balls lie far from their node, in radii of the larger of both."""
+def left_out(cloud: MedialCloud, graph: CurveSkeleton) -> Mask:
+    """Return the samples (n,) that the graph does not explain.
+
+    Their balls reach farther than `SHEET_RADII` radii off their node; the larger radius counts.
+    """
     node = np.asarray(graph.vertex_node)
     rows = np.flatnonzero(cloud.valid & (node >= 0))
-    if len(rows) == 0:
-        return 0.0
-    node, radii, area = node[rows], cloud.radii[rows], cloud.surface.point_areas[rows]
-    away = np.linalg.norm(cloud.centers[rows] - graph.nodes[node], axis=1)
-    far = away + radii > SHEET_RADII * np.maximum(radii, graph.radii[node])
-    return float(area[far].sum() / max(area.sum(), 1e-300))
+    radii, near = cloud.radii[rows], node[rows]
+    away = np.linalg.norm(cloud.centers[rows] - graph.nodes[near], axis=1)
+    far = np.zeros(len(node), bool)
+    far[rows] = away + radii > SHEET_RADII * np.maximum(radii, graph.radii[near])
+    return far
+
+
+def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
+    """Return the share of the area that the graph does not explain."""
+    node = np.asarray(graph.vertex_node)
+    area = np.where(cloud.valid & (node >= 0), cloud.surface.point_areas, 0.0)
+    return float(area[left_out(cloud, graph)].sum() / max(area.sum(), 1e-300))
 
 
 def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> None:
@@ -643,12 +661,16 @@ def _note_result(graph: CurveSkeleton, sheet: float, progress: Progress) -> None
             "ones need smaller candidates."
         )
         progress.note(text, "single_nodes", parts=alone, of=graph.component_count)
-    if sheet > SHEET_SHARE:
+    if sheet > LEFT_OUT:
         text = (
             f"{100 * sheet:.0f} % of the surface reaches more than {SHEET_RADII:g} radii off the "
-            "curve skeleton. Use surface_skeleton for thin sheets, smaller candidates for limbs."
+            "curve skeleton, which does not explain it: `left_out` marks it in "
+            "curve_skeleton_parts."
         )
-        progress.warn(text, "thin_sheets", share=sheet)
+        if sheet > SHEET_SHARE:
+            text += " Use surface_skeleton for thin sheets, smaller candidates for limbs."
+        code = "thin_sheets" if sheet > SHEET_SHARE else "left_out"
+        progress.warn(text, code, share=sheet)
 
 
 OPERATION = Operation(
@@ -667,7 +689,8 @@ OPERATION = Operation(
     ),
     layers={
         "curve_skeleton": "the graph as lines with radius, branch, importance and persistence",
-        "curve_skeleton_parts": "the surface with the branch and the node of each vertex",
+        "curve_skeleton_parts": "the surface with the branch and the node of each vertex, and "
+        "where `left_out` is 1 what the graph does not explain",
         "curve_skeleton_candidates": "the balls that the graph was chosen from",
         "samples": "the surface as computed on; feature points and sources index its points",
     },
