@@ -467,7 +467,7 @@ def described(shape: Shape, options: Options, progress: Progress) -> tuple[Curve
     assert cloud is not None
     sheet = sheet_share(cloud, graph)
     if graph.evidence is not None:
-        _note_shape(cloud.surface, graph.evidence, progress)
+        _note_shape(graph, cloud.surface, graph.evidence, progress)
     _note_result(graph, sheet, progress)
     return graph, sheet
 
@@ -604,7 +604,9 @@ def sheet_share(cloud: MedialCloud, graph: CurveSkeleton) -> float:
     return float(area[left_out(cloud, graph)].sum() / max(area.sum(), 1e-300))
 
 
-def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> None:
+def _note_shape(
+    graph: CurveSkeleton, surface: Shape, evidence: CurveEvidence, progress: Progress
+) -> None:
     """Say what about the surface makes the result less certain."""
     if surface.point_count < FEW_SAMPLES:
         text = (
@@ -614,8 +616,14 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
         progress.warn(text, "few_samples", samples=surface.point_count)
     parts = surface.part_count
     if parts > 1:
+        graphs = graph.component_count
         text = f"The shape has {parts} separate parts; each has a graph of its own."
-        progress.note(text, "separate_parts", parts=parts)
+        if graphs < parts:
+            text = (
+                f"The shape has {parts} separate parts in {counted(graphs, 'graph')}: parts that "
+                "touch are joined."
+            )
+        progress.note(text, "separate_parts", parts=parts, graphs=graphs)
     if evidence.seams:
         progress.note(
             f"The surface touches itself at {counted(evidence.seams, 'place')}; the "
@@ -642,8 +650,12 @@ def _note_shape(surface: Shape, evidence: CurveEvidence, progress: Progress) -> 
         if closed < genus:
             progress.warn(
                 f"Part {number} has {counted(genus, 'handle')}, but its graph has "
-                f"{counted(closed, 'loop')}: handles are thinner than the tolerance, more than "
-                "2,048, or faces cross.",
+                f"{counted(closed, 'loop')}: "
+                + (
+                    "handles are thinner than the tolerance, more than 2,048, or faces cross."
+                    if evidence.measured is not None
+                    else "handles are shorter than a third of the radius there, or faces cross."
+                ),
                 "loops_missing",
                 part=number,
                 handles=genus,
