@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import unit_rows
 from medialis.base.options import METERS, changed, choice, flag
-from medialis.base.progress import Progress
+from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton
@@ -41,9 +41,11 @@ from medialis.rigging.bones import (
 )
 from medialis.rigging.figure_bones import figure_bones
 from medialis.rigging.naming import roll_axes, rolls, target_names
+from medialis.rigging.pieces import carried_weights
 from medialis.rigging.poses import tried
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
+from medialis.shape.union import United, unite
 from medialis.skeleton.preparation import InvariantPreparation
 
 BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
@@ -93,14 +95,21 @@ class ArmatureRun(InvariantPreparation):
 
 
 def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
-    """Find the curve skeleton, lay bones along it, compute the weights."""
-    with progress.stage("curve", 0.0, 0.9):
-        curve, _ = described(shape, options, progress)
+    """Unite the pieces, find the curve skeleton, lay bones along it, compute the weights."""
+    with progress.stage("pieces", 0.0, 0.1):
+        union = unite(shape, progress, joined=True)
+    one_piece = union.shape is shape
+    if not one_piece:
+        note_pieces(union, progress)
+    with progress.stage("curve", 0.1, 0.9):
+        curve, _ = described(union.shape, options, progress)
     with progress.stage("weights", 0.9, 1.0):
         rig = named_bones(curve, shape.up, options, progress)
         whole = skin_weights.of(rig, options, progress)
-    n = shape.point_count  # a refined shape has the given points first
+    n = union.shape.point_count  # a refined shape has the given points first
     skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n], rig=rig)
+    if not one_piece:
+        skin = run_patiently(lambda: carried_weights(skin, union, shape), progress)
     if rig.cut:
         text = (
             f"An armature has no loops: {rig.cut} of the curve skeleton were cut, each where both "
@@ -112,7 +121,7 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         progress.note(text, "root_bones", roots=len(rig.roots))
     poses, panels = test_poses_of(shape, skin, options.poses, progress)
     return Outcome(
-        shape=curve.surface or shape,
+        shape=(curve.surface or shape) if one_piece else shape,
         layers=(bones_layer(rig), _skin_layer(shape, skin)),
         values={
             "bones": rig.count,
@@ -137,6 +146,21 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         extras={"graph": curve, "bones": rig, "skin": skin},
         panels=panels,
     )
+
+
+def note_pieces(union: United, progress: Progress) -> None:
+    """Report how many pieces of a shape were united, bridged, and left loose."""
+    loose, bridges = int(union.loose.sum()), len(union.bridges)
+    count = union.piece_count - loose
+    if count > 1:
+        text = f"{counted(count, 'piece')} were united into one surface."
+        progress.note(text, "pieces_united", pieces=count)
+    if bridges:
+        text = f"{counted(bridges, 'bridge', verbs=('was', 'were'))} added between pieces apart."
+        progress.note(text, "pieces_bridged", bridges=bridges)
+    if loose:
+        text = f"{counted(loose, 'loose piece', verbs=('follows', 'follow'))} the nearest skin."
+        progress.note(text, "pieces_attached", pieces=loose)
 
 
 def test_poses_of(
