@@ -23,9 +23,11 @@ from medialis.rigging.operation import (
     bones_layer,
     described,
     named_bones,
+    note_pieces,
     test_poses_of,
 )
 from medialis.shape.shape import Shape
+from medialis.shape.union import unite
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +94,10 @@ def _bones(shape: Shape, path: str, progress: Progress) -> Bones | Armature:
         ends = found.heads - shape.offset, found.tails - shape.offset
         return replace(found, heads=ends[0], tails=ends[1])
     options = ArmatureRun()
-    curve, _ = described(shape, options, progress)
+    union = unite(shape, progress, joined=True)
+    if union.shape is not shape:
+        note_pieces(union, progress)
+    curve, _ = described(union.shape, options, progress)
     return named_bones(curve, shape.up, options, progress)
 
 

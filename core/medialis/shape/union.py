@@ -165,6 +165,55 @@ def unite(shape: Shape, progress: Progress | None = None, *, joined: bool = Fals
     return run_patiently(lambda: _united(shape, joined), still)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Enclosing(Described):
+    """Pieces of a shape that enclose positions.
+
+    Attributes
+    ----------
+    rows, pieces : (k,) int64
+        A position, and a piece that encloses the position; a position may have several ones.
+    solid : (p,) bool
+        Pieces that enclose a volume.
+    """
+
+    rows: Index
+    pieces: Index
+    solid: Mask
+
+
+def enclosing_pieces(shape: Shape, places: FloatArray) -> Enclosing:
+    """Return the pieces of a mesh that enclose positions (q, 3), up to a cell of the grid.
+
+    Pieces are the components of ``shape.components``. See `unite`.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> corners, faces = np.eye(4)[:, :3], [[0, 1, 2], [0, 3, 1], [1, 3, 2], [2, 3, 0]]
+    >>> tetrahedron = medialis.make_shape(corners, faces)
+    >>> found = enclosing_pieces(tetrahedron, np.array([[0.2, 0.2, 0.2], [100, 0, 0]]))
+    >>> found.rows.tolist(), found.pieces.tolist(), found.solid.tolist()
+    ([0], [0], [True])
+    """
+    assert shape.faces is not None
+    solids = _Solids.of(shape)
+    grid = _Grid.around(shape, solids)
+    volume = _Volume.of(solids, grid)
+    solid = np.zeros(solids.count, np.bool_)
+    solid[volume.pieces] = True
+    low, high = shape.bounds
+    within = np.flatnonzero(((places >= low) & (places <= high)).all(axis=1))
+    cells = grid.rows(places[within])
+    near = np.isin(volume.cells, cells)
+    order = np.argsort(volume.cells[near], kind="stable")
+    known, pieces = volume.cells[near][order], volume.pieces[near][order]
+    first, last = (np.searchsorted(known, cells, side) for side in ("left", "right"))
+    counts = last - first
+    step = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    return Enclosing(np.repeat(within, counts), pieces[np.repeat(first, counts) + step], solid)
+
+
 def _united(shape: Shape, joined: bool) -> United:
     solids = None if shape.faces is None else _Solids.of(shape)
     if solids is None or np.count_nonzero(solids.outward) < 2:
