@@ -68,8 +68,13 @@ BEYOND = 0.1
 BONE_SAMPLES = 200
 """Number of samples of a bone as long as the diagonal: they show which pieces it runs through."""
 
-EYEBALL = 0.1
-"""Maximum size of an eyeball, as a fraction of the diagonal of the shape."""
+BALL, CENTERED, CUBE = 0.15, 0.15, 0.6
+"""Maximum size of a ball joint, as a fraction of the diagonal of the shape; maximum distance of its
+middle from the joint, as a fraction of its own size; minimum ratio of the sides of its box."""
+
+KNUCKLE = 0.04
+"""Minimum size of a ball joint, as a fraction of the diagonal: smaller ones are knuckles, whose
+halves follow different bones."""
 
 PASSES = 20
 """Times that weights are smoothed once bones were left out."""
@@ -182,7 +187,7 @@ def _require_near(shape: Shape, armature: Armature | Bones) -> None:
 
 def _bound(shape: Shape, armature: Armature | Bones, options: Weighing) -> SkinWeights:
     moves = deforming(armature)
-    eyes = _eyeballs(shape, armature, moves)
+    turned = _turned_pieces(shape, armature, moves)
     moves = moves & ~np.array([is_eye(name) for name in armature.names])
     lines = segments_of(armature, moves if moves.any() else ~moves)
     hanging = _hanging(shape, lines)
@@ -195,12 +200,12 @@ def _bound(shape: Shape, armature: Armature | Bones, options: Weighing) -> SkinW
         weights = np.zeros(bones.shape)
         bones[rows], weights[rows] = own.bones, own.weights
         skin = hung_weights(SkinWeights(bones, weights), shape, hanging)
-    if not (eyes >= 0).any():
+    if not (turned >= 0).any():
         return skin
     bones, weights = np.array(skin.bones), np.array(skin.weights)
-    rows = np.flatnonzero(eyes >= 0)
+    rows = np.flatnonzero(turned >= 0)
     bones[rows], weights[rows] = -1, 0.0
-    bones[rows, 0], weights[rows, 0] = eyes[rows], 1.0
+    bones[rows, 0], weights[rows, 0] = turned[rows], 1.0
     return SkinWeights(bones, weights)
 
 
@@ -218,8 +223,8 @@ def _of_body(shape: Shape, lines: Segments, options: Weighing) -> SkinWeights:
 def _hanging(shape: Shape, lines: Segments) -> Mask | None:
     """Return the points of pieces that no bone runs through, (n,); None if there are none.
 
-    A bone that is inside of no piece runs through the nearest one that encloses no volume, such as
-    hair strips and skirts with bones of their own.
+    A bone outside of all pieces runs through the nearest one: hair strips and skirts enclose no
+    volume, but may have bones of their own.
     """
     if shape.part_count < 2:
         return None
@@ -233,29 +238,40 @@ def _hanging(shape: Shape, lines: Segments) -> Mask | None:
     through = np.zeros(int(shape.components.max()) + 1, np.bool_)
     through[inside.pieces] = True
     outside = np.setdiff1d(np.arange(len(places)), inside.rows)
-    sheets = np.flatnonzero(~inside.solid[shape.components] & shape.used_points)
-    if len(outside) and len(sheets):
-        near = kd_tree(shape.points[sheets]).query(places[outside])[1]
-        through[shape.components[sheets[near]]] = True
+    if len(outside):
+        used = np.flatnonzero(shape.used_points)
+        near = kd_tree(shape.points[used]).query(places[outside])[1]
+        through[shape.components[used[near]]] = True
     hanging = ~through[shape.components]
     return hanging if through.any() and hanging.any() else None
 
 
-def _eyeballs(shape: Shape, armature: Armature | Bones, moves: Mask) -> IntArray:
-    """Return the bone that turns the eyeball of each point, (n,), -1: none.
+def _turned_pieces(shape: Shape, armature: Armature | Bones, moves: Mask) -> IntArray:
+    """Return the bone that turns the piece of each point as a whole, (n,), -1: none.
 
-    An eyeball is a small piece around the head of a bone that is an eye by its name.
+    Such a piece is small, and its middle is at the head of the bone: an eyeball, or a ball joint,
+    which is as long as it is wide and has no other joint inside.
     """
     found = np.full(shape.point_count, -1, np.int32)
-    bones = [bone for bone in np.flatnonzero(moves).tolist() if is_eye(armature.names[bone])]
-    if not bones or shape.part_count < 2:
+    if shape.part_count < 2:
         return found
+    bones = np.flatnonzero(moves)
+    heads = armature.heads[bones]
+    eye = np.array([is_eye(armature.names[bone]) for bone in bones.tolist()])
     for rows in rows_of_labels(shape.components):
         low, high = shape.points[rows].min(axis=0), shape.points[rows].max(axis=0)
-        size = float(np.linalg.norm(high - low))
-        away = np.linalg.norm(armature.heads[bones] - (low + high) / 2, axis=1)
-        if size <= EYEBALL * shape.diagonal and away.min() <= 0.5 * size:
-            found[rows] = bones[int(away.argmin())]
+        sides = high - low
+        size = float(np.linalg.norm(sides))
+        if not 0 < size <= BALL * shape.diagonal:
+            continue
+        away = np.linalg.norm(heads - (low + high) / 2, axis=1)
+        nearest = int(away.argmin())
+        within = ((heads >= low) & (heads <= high)).all(axis=1)
+        apart = np.linalg.norm(heads - heads[nearest], axis=1) > CENTERED * size
+        ball = size >= KNUCKLE * shape.diagonal and sides.min() >= CUBE * sides.max()
+        ball = ball and not (within & apart).any()
+        if away[nearest] <= (0.5 if eye[nearest] else CENTERED * ball) * size:
+            found[rows] = bones[nearest]
     return found
 
 
