@@ -21,9 +21,7 @@ from medialis.rigging.operation import (
     RIGGED,
     ArmatureRun,
     bones_layer,
-    described,
-    named_bones,
-    note_pieces,
+    laid_bones,
     test_poses_of,
 )
 from medialis.shape.shape import Shape
@@ -94,11 +92,7 @@ def _bones(shape: Shape, path: str, progress: Progress) -> Bones | Armature:
         ends = found.heads - shape.offset, found.tails - shape.offset
         return replace(found, heads=ends[0], tails=ends[1])
     options = ArmatureRun()
-    union = unite(shape, progress, joined=True)
-    if union.shape is not shape:
-        note_pieces(union, progress)
-    curve, _ = described(union.shape, options, progress)
-    return named_bones(curve, shape.up, options, progress)
+    return laid_bones(shape, unite(shape, progress, joined=True), options, progress)[2]
 
 
 OPERATION = Operation(

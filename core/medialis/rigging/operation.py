@@ -45,11 +45,14 @@ from medialis.rigging.pieces import carried_weights
 from medialis.rigging.poses import tried
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
-from medialis.shape.union import United, unite
+from medialis.shape.union import United, held_pieces, unite
 from medialis.skeleton.preparation import InvariantPreparation
 
 BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
 """How layers are shown."""
+
+MAX_TRIALS = 2
+"""Maximum number of pieces that are left out in turn where the bones are no figure's."""
 
 POSES: bool = flag(
     False,
@@ -98,13 +101,10 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
     """Unite the pieces, find the curve skeleton, lay bones along it, compute the weights."""
     with progress.stage("pieces", 0.0, 0.1):
         union = unite(shape, progress, joined=True)
-    one_piece = union.shape is shape
-    if not one_piece:
-        note_pieces(union, progress)
     with progress.stage("curve", 0.1, 0.9):
-        curve, _ = described(union.shape, options, progress)
+        union, curve, rig = laid_bones(shape, union, options, progress)
+    one_piece = union.shape is shape
     with progress.stage("weights", 0.9, 1.0):
-        rig = named_bones(curve, shape.up, options, progress)
         whole = skin_weights.of(rig, options, progress)
     n = union.shape.point_count  # a refined shape has the given points first
     skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n], rig=rig)
@@ -146,6 +146,34 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         extras={"graph": curve, "bones": rig, "skin": skin},
         panels=panels,
     )
+
+
+def laid_bones(
+    shape: Shape, union: United, options: ArmatureRun, progress: Progress
+) -> tuple[United, CurveSkeleton, Bones]:
+    """Return the bones along the curve skeleton of united pieces, and what they were united to.
+
+    Where they are no figure's, up to `MAX_TRIALS` pieces that may be held or worn are left out in
+    turn: a sword would be a limb.
+    """
+    before = len(progress.messages)
+    if union.shape is not shape:
+        note_pieces(union, progress)
+    curve, _ = described(union.shape, options, progress)
+    rig = named_bones(curve, shape.up, options, progress)
+    if rig.kind or not options.figures or union.shape is shape:
+        return union, curve, rig
+    for piece in held_pieces(union, shape)[:MAX_TRIALS]:
+        trial = progress.still
+        less = unite(shape, trial, joined=True, without=piece)
+        note_pieces(less, trial)
+        other, _ = described(less.shape, options, trial)
+        found = named_bones(other, shape.up, options, trial)
+        if found.kind:
+            del progress.messages[before:]
+            progress.messages += trial.messages
+            return less, other, found
+    return union, curve, rig
 
 
 def note_pieces(union: United, progress: Progress) -> None:

@@ -11,14 +11,24 @@ The cell of the grid follows from the thickness of the pieces (`_cell`), so that
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Described, Index, Mask, kd_tree, next_side, sums_of, twice_areas
+from medialis.base.arrays import (
+    Described,
+    Index,
+    Mask,
+    kd_tree,
+    next_side,
+    rows_of_labels,
+    sums_of,
+    twice_areas,
+    unit_rows,
+)
 from medialis.base.box_tree import NearestTree
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
@@ -64,6 +74,14 @@ BRIDGE = 0.8
 MIN_VOLUME = 4.0
 """Minimum volume of a part of the united surface, in cells: thin pieces leave specks."""
 
+LONG, ROUND = 1.5, 0.5
+"""Minimum ratio of the first two standard deviations of the volume of a body that is long, and
+the cosine with its axis that all connections of a round body are taken to have."""
+
+ALIKE, HELD = 0.02, 3.0
+"""Maximum logarithm of the ratio of the sizes of twins, and minimum ratio of length and width of a
+piece that may be held."""
+
 LINES_AT_ONCE = 4_000_000
 """Maximum number of pairs of a face and a line of the grid that are tested together."""
 
@@ -88,6 +106,8 @@ class United(Described):
         surface, because the piece encloses no volume, or is loose and small.
     bridges : (b, 2, 3) float64
         Ends of the bridges between bodies.
+    contacts : (c, 2) int64
+        Pairs of pieces that overlap or touch.
     """
 
     shape: Shape
@@ -95,6 +115,7 @@ class United(Described):
     piece: IntArray
     body: IntArray
     bridges: Positions
+    contacts: Index
 
     @property
     def piece_count(self) -> int:
@@ -125,7 +146,13 @@ def united(shape: Shape, progress: Progress | None = None) -> Shape:
     return unite(shape, progress).shape
 
 
-def unite(shape: Shape, progress: Progress | None = None, *, joined: bool = False) -> United:
+def unite(
+    shape: Shape,
+    progress: Progress | None = None,
+    *,
+    joined: bool = False,
+    without: int = -1,
+) -> United:
     """Unite the pieces of a mesh that overlap or touch.
 
     Parameters
@@ -137,6 +164,8 @@ def unite(shape: Shape, progress: Progress | None = None, *, joined: bool = Fals
     joined : bool
         Whether the result is one surface: bodies that are apart are connected by bridges along the
         shortest connections, and small loose bodies (`LIMB`) are left out.
+    without : int
+        A piece that is left out; -1: none.
 
     Returns
     -------
@@ -162,7 +191,30 @@ def unite(shape: Shape, progress: Progress | None = None, *, joined: bool = Fals
     (2, 1)
     """
     still = Progress() if progress is None else progress
-    return run_patiently(lambda: _united(shape, joined), still)
+    return run_patiently(lambda: _united(shape, joined, without), still)
+
+
+def held_pieces(union: United, shape: Shape) -> list[int]:
+    """Return the united pieces of a character that may be held or worn, the smallest ones first.
+
+    Such a piece is long, touches at most one other piece, and has no twin of the same size: limbs
+    have one on the other side.
+    """
+    assert shape.faces is not None
+    areas = np.bincount(union.piece[shape.faces[:, 0]], shape.face_areas, union.piece_count)
+    touches = np.bincount(union.contacts.ravel(), minlength=union.piece_count)
+    sizes = np.zeros((union.piece_count, 4))
+    for piece, rows in enumerate(rows_of_labels(union.piece)):
+        off = shape.points[rows] - shape.points[rows].mean(axis=0)
+        spread = np.sqrt(np.linalg.eigvalsh(off.T @ off / len(rows)).clip(min=0.0))
+        sizes[piece] = [*spread, np.sqrt(areas[piece])]
+    logs = np.log(np.maximum(sizes, 1e-9 * shape.diagonal))
+    found = []
+    for piece in np.flatnonzero(~union.loose & (touches <= 1) & (areas > 0)).tolist():
+        alike = (np.abs(logs - logs[piece]) < ALIKE).all(axis=1)
+        if alike.sum() == 1 and sizes[piece, 2] >= HELD * sizes[piece, 1]:
+            found.append(piece)
+    return sorted(found, key=lambda piece: float(areas[piece]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -214,13 +266,16 @@ def enclosing_pieces(shape: Shape, places: FloatArray) -> Enclosing:
     return Enclosing(np.repeat(within, counts), pieces[np.repeat(first, counts) + step], solid)
 
 
-def _united(shape: Shape, joined: bool) -> United:
+def _united(shape: Shape, joined: bool, without: int = -1) -> United:
     solids = None if shape.faces is None else _Solids.of(shape)
     if solids is None or np.count_nonzero(solids.outward) < 2:
         return _unchanged(shape)
     grid = _Grid.around(shape, solids)
     volume = _Volume.of(solids, grid)
-    body = volume.bodies()
+    if without >= 0:
+        kept = volume.pieces != without
+        volume = replace(volume, cells=volume.cells[kept], pieces=volume.pieces[kept])
+    body, contacts = volume.bodies()
     if (body < 0).all():
         return _unchanged(shape)
     bridges = np.zeros((0, 2, 4))
@@ -231,15 +286,22 @@ def _united(shape: Shape, joined: bool) -> United:
         return _unchanged(shape)
     made = Shape(points, ring_normals(points, faces), faces, unit=shape.unit, up=shape.up)
     nearest = kd_tree(points).query(shape.points)[1]
-    return United(made, frozen(nearest, np.int32), shape.components, frozen(body, np.int32),
-                  frozen(bridges[:, :, :3], np.float64))  # fmt: skip
+    return United(
+        made,
+        frozen(nearest, np.int32),
+        shape.components,
+        frozen(body, np.int32),
+        frozen(bridges[:, :, :3], np.float64),
+        contacts,
+    )
 
 
 def _unchanged(shape: Shape) -> United:
     piece = shape.components
     body = frozen(np.zeros(int(piece.max(initial=-1)) + 1), np.int32)
     rows = frozen(np.arange(shape.point_count), np.int32)
-    return United(shape, rows, piece, body, frozen(np.zeros((0, 2, 3)), np.float64))
+    none = np.zeros((0, 2), np.int64)
+    return United(shape, rows, piece, body, frozen(np.zeros((0, 2, 3)), np.float64), none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -481,18 +543,19 @@ class _Volume:
         owner[self.cells[rows]] = self.pieces[rows]
         return owner
 
-    def bodies(self) -> IntArray:
-        """Return the body of each piece, (p,): those that overlap or touch have the same one."""
+    def bodies(self) -> tuple[IntArray, Index]:
+        """Return the body of each piece, (p,), and the pairs of pieces that overlap or touch."""
         everything = np.ones(self.solids.count, np.bool_)
         owner = self.owners(everything)
         links = [np.stack([self.pieces, owner[self.cells]], axis=1)]
         links += [pair for _, pair in self._touching(owner)]
-        label = piece_labels(self.solids.count, _distinct_pairs(np.concatenate(links)))
+        pairs = _distinct_pairs(np.sort(np.concatenate(links), axis=1))
+        label = piece_labels(self.solids.count, pairs)
         present = np.zeros(self.solids.count, np.bool_)
         present[self.pieces] = True
         body = np.full(self.solids.count, -1, np.int32)
         body[present] = np.unique(label[present], return_inverse=True)[1]
-        return body
+        return body, pairs
 
     def _touching(self, owner: IntArray) -> list[tuple[Index, Index]]:
         """Return corners between two pieces, and the pieces: neighbours, and with one between."""
@@ -656,7 +719,7 @@ def _joined(volume: _Volume, body: IntArray) -> tuple[IntArray, FloatArray]:
     label = np.where(owner >= 0, body[owner], -1).reshape(tuple(grid.size))
     depth = distance_transform_edt(label >= 0)
     bridges = []
-    for ends in _shortest_links(label):
+    for ends in _shortest_links(label, _long_axes(volume, body, len(sizes))):
         tops = [_middle(depth, end) for end in ends]
         radius = max(BRIDGE * min(float(depth[tuple(top)]) for top in tops), 1.0)
         places = np.array([grid.low + grid.cell * np.array(top) for top in tops])
@@ -664,10 +727,25 @@ def _joined(volume: _Volume, body: IntArray) -> tuple[IntArray, FloatArray]:
     return body, np.array(bridges).reshape(-1, 2, 4)
 
 
-def _shortest_links(label: NDArray[np.integer]) -> list[tuple[Index, Index]]:
+def _long_axes(volume: _Volume, body: IntArray, count: int) -> FloatArray:
+    """Return the directions in which bodies are long, (count, 3): unit, 0 for round ones."""
+    rows = body[volume.pieces]
+    cells, rows = volume.cells[rows >= 0], rows[rows >= 0]
+    places = np.stack(np.unravel_index(cells, tuple(volume.grid.size)), axis=1).astype(float)
+    sizes = np.maximum(np.bincount(rows, minlength=count), 1)
+    off = places - (sums_of(rows, places, count) / sizes[:, None])[rows]
+    square = sums_of(rows, (off[:, :, None] * off[:, None]).reshape(-1, 9), count)
+    spread, axes = np.linalg.eigh(square.reshape(-1, 3, 3) / sizes[:, None, None])
+    long = spread[:, 2] >= LONG**2 * spread[:, 1]
+    return np.asarray(axes[:, :, 2] * long[:, None])
+
+
+def _shortest_links(label: NDArray[np.integer], axes: FloatArray) -> list[tuple[Index, Index]]:
     """Return the corners at the ends of the shortest connections between all bodies of a grid.
 
-    A minimum spanning tree over the bodies that meet halfway, on a grid of twice the cell.
+    A minimum spanning tree over the bodies that meet halfway, on a grid of twice the cell. A
+    connection costs its length, and up to twice that where it leaves both bodies across their long
+    axes: limbs continue at their ends.
     """
     from scipy.ndimage import distance_transform_edt
     from scipy.sparse import coo_array
@@ -698,6 +776,15 @@ def _shortest_links(label: NDArray[np.integer]) -> list[tuple[Index, Index]]:
     table = table[first]
     count = int(label.max()) + 1
     ends = table[:, :2].astype(np.int64)
+    one, other = (np.stack(np.unravel_index(table[:, k].astype(np.int64), shape), axis=1)
+                  for k in (2, 3))  # fmt: skip
+    way = unit_rows((other - one).astype(np.float64))
+    along = np.full(len(table), -np.inf)
+    for side in (0, 1):
+        axis = axes[ends[:, side]]
+        cosine = np.where(axis.any(axis=1), np.abs((way * axis).sum(axis=1)), ROUND)
+        along = np.maximum(along, cosine)
+    table[:, 4] *= 2.0 - along
     tree = minimum_spanning_tree(coo_array((table[:, 4], ends.T), shape=(count, count))).tocoo()
     kept = np.isin(ends @ [count, 1], np.stack([tree.row, tree.col], axis=1) @ [count, 1])
     result = []
