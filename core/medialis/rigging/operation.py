@@ -12,7 +12,7 @@ import json
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,6 +95,12 @@ class ArmatureRun(InvariantPreparation):
         },
     )
     poses: bool = POSES
+
+    def with_auto_resolved(self, data: Any, progress: Progress) -> Self:
+        """Replace "auto" by numbers for the united surface, on which the rest is computed."""
+        if isinstance(data, Shape) and data.faces is not None:
+            data = unite(data, progress, joined=True).shape
+        return super().with_auto_resolved(data, progress)
 
 
 def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
@@ -448,7 +454,8 @@ OPERATION = Operation(
     "The root is at the thickest junction. Joints are where limbs bend or change their thickness; "
     "limbs that mirror each other have bones of the same names, with .L and .R. Loops are cut. "
     "Each point of the surface has at most four bones, with weights that sum to 1 and stay on "
-    "their own limb. Needs a mesh.",
+    "their own limb. Pieces that overlap or touch are united, and pieces apart are bridged; small "
+    "loose pieces and clothes follow the nearest skin. Needs a mesh.",
     source=None,
     examples=(("creature.ply", "bones and skin weights; armature.glb opens in other programs"),),
     layers={

@@ -30,6 +30,7 @@ from medialis.base.arrays import (
     unit_rows,
 )
 from medialis.base.box_tree import NearestTree
+from medialis.base.kept import kept
 from medialis.base.progress import Progress
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray, Positions, frozen
@@ -191,7 +192,11 @@ def unite(
     (2, 1)
     """
     still = Progress() if progress is None else progress
-    return run_patiently(lambda: _united(shape, joined, without), still)
+
+    def work() -> United:
+        return run_patiently(lambda: _united(shape, joined, without), still)
+
+    return kept(unite, shape, (joined, without), work, still)
 
 
 def held_pieces(union: United, shape: Shape) -> list[int]:
