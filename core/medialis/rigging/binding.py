@@ -1,11 +1,11 @@
 """Weights with which the bones of any armature move any mesh, by the ways inside the body.
 
 Steps: the pieces that bones run through (`_hanging`; the others follow them, see `pieces.py`), and
-the lines along which bones act (`deforming.py`); a grid over the mesh and the bones (`_grid`), whose cells are inside by six rays each, so
-that holes, pieces and inner faces do no harm; the cheapest bones of each cell, by ways that stay
-inside (`_way_kernels.py`); the nearest bones of each vertex, by the cells behind it (`_nearest`);
-weights smoothed along the surface over the distance to the bone, and the same for a whole piece
-that is smaller than that distance.
+the lines along which bones act (`deforming.py`); a grid over the mesh and the bones (`_grid`),
+whose cells are inside by six rays each, so that holes, pieces and inner faces do no harm; the
+cheapest bones of each cell, by ways that stay inside (`_way_kernels.py`); the nearest bones of each
+vertex, by the cells behind it (`_nearest`); weights smoothed along the surface over the distance to
+the bone, and the same for a whole piece that is smaller than that distance.
 """
 
 from __future__ import annotations

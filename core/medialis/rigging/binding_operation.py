@@ -103,8 +103,8 @@ OPERATION = Operation(
     help="Compute the weights with which the bones of an armature move a mesh.\n\n"
     "The nearest bone is the one with the shortest way inside the body. The mesh may have holes, "
     "several pieces, inner faces, or no inside: no vertex is left without a bone. Weights are "
-    "smooth and sum to 1. A piece that no bone runs through follows the nearest skin; a small piece "
-    "moves as a whole. End markers move nothing.",
+    "smooth and sum to 1. A piece that no bone runs through follows the nearest skin; a small "
+    "piece moves as a whole. End markers move nothing.",
     source=None,
     examples=(("creature.ply", "weights of its own bones; bind.glb opens in other programs"),),
     layers={
