@@ -123,8 +123,11 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         )
         progress.note(text, "loops_cut", loops=rig.cut)
     if len(rig.roots) > 1:
-        text = f"The shape has {len(rig.roots)} separate parts: each has a root bone."
-        progress.note(text, "root_bones", roots=len(rig.roots))
+        text = (
+            f"The shape has {len(rig.roots)} separate parts that enclose no volume: they were not "
+            "united, and each has a root bone."
+        )
+        progress.warn(text, "root_bones", roots=len(rig.roots))
     poses, panels = test_poses_of(shape, skin, options.poses, progress)
     return Outcome(
         shape=(curve.surface or shape) if one_piece else shape,

@@ -42,7 +42,7 @@ from medialis.shape.surface import piece_labels
 MAX_CORNERS = 4_000_000
 """Maximum number of corners of the grid."""
 
-MAX_POINTS = 50_000
+MAX_POINTS = 30_000
 """Maximum number of points of the united surface, approximately."""
 
 MIN_CELLS = 100
