@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 import medialis
 from medialis.rigging.armature import write_armature_json
+from medialis.rigging.deforming import segments_of
 from medialis.rigging.operation import RIG_FORMATS, RIGGED
 from medialis.shape.generate import implicit_shape
 
@@ -198,7 +199,7 @@ def test_nearest_bones_are_those_of_a_search_on_all_cells_inside():
     reach = np.array(reach).T
     nearest = tree.query(shape.points)[1]
     reach = np.sort(reach[nearest], axis=1), reach[nearest].argmin(axis=1)
-    skin, far = _nearest(shape, bent)
+    skin, far = _nearest(shape, segments_of(bent, np.ones(bent.count, bool)))
     clear = reach[0][:, 1] > 1.3 * reach[0][:, 0] + 2 * step
     assert clear.mean() > 0.4
     assert (skin.bones[clear, 0] == reach[1][clear]).mean() > 0.995

@@ -283,7 +283,7 @@ def test_bad_input_is_a_sentence(creature, result):
 
 
 @pytest.mark.slow
-def test_what_was_cut_and_split_is_said():
+def test_what_was_cut_and_bridged_is_reported():
     ring = tube([circle([0, 0, 0], 1.0)], 0.2, 0.07)
     other = medialis.Shape(ring.points + np.array([5, 0, 0]), ring.normals, ring.faces)
     both = medialis.Shape(
@@ -292,9 +292,9 @@ def test_what_was_cut_and_split_is_said():
         np.concatenate([ring.faces, other.faces + len(ring.points)]),
     )
     result = medialis.run("armature", both)
-    assert result.values["cut_loops"] == 2 and result.values["roots"] == 2
+    assert result.values["cut_loops"] == 2 and result.values["roots"] == 1
     told = {message.code: message.data for message in result.messages}
-    assert told["loops_cut"]["loops"] == 2 and told["root_bones"]["roots"] == 2
+    assert told["loops_cut"]["loops"] == 2 and told["pieces_bridged"]["bridges"] == 1
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Test poses: where a rig is bent, which way, and what is counted there."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,6 +43,27 @@ def person(target="plain", bent=0.0):
         [rows.get(parent, -1) for _, _, parent in both.values()],
         named,
     )
+
+
+@pytest.mark.parametrize(
+    ("target", "change"),
+    [
+        ("mixamo", lambda name: name.removeprefix("mixamorig:")),
+        ("mixamo", lambda name: name.replace("mixamorig:", "mixamorig")),
+        ("mixamo", lambda name: name.replace("mixamorig:", "mixamorig12:")),
+        ("unreal", lambda name: f"SK_Mannequin|{name}"),
+        ("rigify", lambda name: f"DEF-{name}"),
+        ("vrm", lambda name: name[:1].upper() + name[1:]),
+        ("vrm", lambda name: "J_Bip_" + (f"L_{name[4:]}" if name.startswith("left") else
+                f"R_{name[5:]}" if name.startswith("right") else f"C_{name.capitalize()}")),
+    ],
+)  # fmt: skip
+def test_parts_of_figures_are_known_with_and_without_prefixes(target, change):
+    """Only the names with the prefix "mixamorig:" were known."""
+    rig = person(target)
+    other = replace(rig, names=tuple(change(name) for name in rig.names))
+    found = poses.figure_parts(other)
+    assert found.rows == poses.figure_parts(rig).rows and len(found.rows) == len(rig.names)
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -14,7 +14,8 @@ The thesis has no rigging; it names armatures as a use of curve skeletons.
   entry of `TARGETS` and a choice of the operation.
 - `operation.py`: the operation armature, and rigged glTF.
 - `binding.py`: weights for any `Armature` and any mesh, by the ways inside the body;
-  `_way_kernels.py` searches them, `armature.py` reads and writes armatures, and
+  `_way_kernels.py` searches them, `deforming.py` knows the bones that deform, `pieces.py` brings
+  weights to loose pieces, `armature.py` reads and writes armatures, and
   `binding_operation.py` is the operation bind.
 - `poses.py`: where a rig is bent to try it, and what stretches or collapses there.
 """

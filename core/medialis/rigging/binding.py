@@ -1,20 +1,21 @@
 """Weights with which the bones of any armature move any mesh, by the ways inside the body.
 
-Steps: a grid over the mesh and the bones (`_grid`), whose cells are inside by six rays each, so
-that holes, pieces and inner faces do no harm; the cheapest bones of each cell, by ways that stay
-inside (`_way_kernels.py`); the nearest bones of each vertex, by the cells behind it (`_nearest`);
-weights smoothed along the surface over the distance to the bone, and the same for a whole piece
-that is smaller than that distance.
+Steps: the pieces that bones run through (`_hanging`; the others follow them, see `pieces.py`), and
+the lines along which bones act (`deforming.py`); a grid over the mesh and the bones (`_grid`),
+whose cells are inside by six rays each, so that holes, pieces and inner faces do no harm; the
+cheapest bones of each cell, by ways that stay inside (`_way_kernels.py`); the nearest bones of each
+vertex, by the cells behind it (`_nearest`); weights smoothed along the surface over the distance to
+the bone, and the same for a whole piece that is smaller than that distance.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, enclosed_volume, kd_tree
+from medialis.base.arrays import Index, Mask, enclosed_volume, kd_tree, rows_of_labels
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, number, whole
 from medialis.base.progress import Progress
@@ -22,8 +23,11 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray, IntArray
 from medialis.rigging.armature import Armature
 from medialis.rigging.bones import MOST_BONES, Bones, SkinWeights, smoothed_weights, stiffness
+from medialis.rigging.deforming import Segments, deforming, is_eye, segments_of
+from medialis.rigging.pieces import hung_weights
 from medialis.shape.reading import as_shape
 from medialis.shape.shape import Shape
+from medialis.shape.union import enclosing_pieces
 
 if TYPE_CHECKING:
     from medialis.rigging._way_kernels import Grid, Ways
@@ -58,6 +62,20 @@ DETOUR = 1.13
 
 NEARLY = 0.01
 """Share of the distance within which two bones are equally near."""
+
+BEYOND = 0.1
+"""Fraction by which the distance from a bone is larger straight beyond its joint."""
+
+BONE_SAMPLES = 200
+"""Number of samples of a bone as long as the diagonal: they show which pieces it runs through."""
+
+BALL, CENTERED, CUBE = 0.15, 0.15, 0.6
+"""Maximum size of a ball joint, as a fraction of the diagonal of the shape; maximum distance of its
+middle from the joint, as a fraction of its own size; minimum ratio of the sides of its box."""
+
+KNUCKLE = 0.04
+"""Minimum size of a ball joint, as a fraction of the diagonal: smaller ones are knuckles, whose
+halves follow different bones."""
 
 PASSES = 20
 """Times that weights are smoothed once bones were left out."""
@@ -169,13 +187,93 @@ def _require_near(shape: Shape, armature: Armature | Bones) -> None:
 
 
 def _bound(shape: Shape, armature: Armature | Bones, options: Weighing) -> SkinWeights:
-    skin, far = _nearest(shape, armature)
+    moves = deforming(armature)
+    turned = _turned_pieces(shape, armature, moves)
+    moves = moves & ~np.array([is_eye(name) for name in armature.names])
+    lines = segments_of(armature, moves if moves.any() else ~moves)
+    hanging = _hanging(shape, lines)
+    if hanging is None:
+        skin = _of_body(shape, lines, options)
+    else:
+        body, rows, _ = shape.some_bodies(~hanging)
+        own = _of_body(body, lines, options)
+        bones = np.full((shape.point_count, own.bones.shape[1]), -1, np.int32)
+        weights = np.zeros(bones.shape)
+        bones[rows], weights[rows] = own.bones, own.weights
+        skin = hung_weights(SkinWeights(bones, weights), shape, hanging)
+    if not (turned >= 0).any():
+        return skin
+    bones, weights = np.array(skin.bones), np.array(skin.weights)
+    rows = np.flatnonzero(turned >= 0)
+    bones[rows], weights[rows] = -1, 0.0
+    bones[rows, 0], weights[rows, 0] = turned[rows], 1.0
+    return SkinWeights(bones, weights)
+
+
+def _of_body(shape: Shape, lines: Segments, options: Weighing) -> SkinWeights:
+    """Weigh the bones at each vertex by the ways to them."""
+    skin, far = _nearest(shape, lines)
     most = options.bones_per_vertex
-    if options.softness > 0 and armature.count > 1:
+    if options.softness > 0 and len(np.unique(lines.bone)) > 1:
         width = options.softness * far
         smooth = _limited(smoothed_weights(skin, shape, width, most + 1), most)
         skin = _smoothed_within(smooth, skin, shape, width)
     return _whole_pieces(_limited(skin, most), shape, far)
+
+
+def _hanging(shape: Shape, lines: Segments) -> Mask | None:
+    """Return the points of pieces that no bone runs through, (n,); None if there are none.
+
+    A bone outside of all pieces runs through the nearest one: hair strips and skirts enclose no
+    volume, but may have bones of their own.
+    """
+    if shape.part_count < 2:
+        return None
+    counts = np.ceil(BONE_SAMPLES * np.linalg.norm(lines.tails - lines.heads, axis=1)
+                     / shape.diagonal).astype(np.int64) + 2  # fmt: skip
+    line = np.repeat(np.arange(len(counts)), counts)
+    step = np.arange(len(line)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (step / np.repeat(counts - 1, counts))[:, None]
+    places = (1 - share) * lines.heads[line] + share * lines.tails[line]
+    inside = enclosing_pieces(shape, places)
+    through = np.zeros(int(shape.components.max()) + 1, np.bool_)
+    through[inside.pieces] = True
+    outside = np.setdiff1d(np.arange(len(places)), inside.rows)
+    if len(outside):
+        used = np.flatnonzero(shape.used_points)
+        near = kd_tree(shape.points[used]).query(places[outside])[1]
+        through[shape.components[used[near]]] = True
+    hanging = ~through[shape.components]
+    return hanging if through.any() and hanging.any() else None
+
+
+def _turned_pieces(shape: Shape, armature: Armature | Bones, moves: Mask) -> IntArray:
+    """Return the bone that turns the piece of each point as a whole, (n,), -1: none.
+
+    Such a piece is small, and its middle is at the head of the bone: an eyeball, or a ball joint,
+    which is as long as it is wide and has no other joint inside.
+    """
+    found = np.full(shape.point_count, -1, np.int32)
+    if shape.part_count < 2:
+        return found
+    bones = np.flatnonzero(moves)
+    heads = armature.heads[bones]
+    eye = np.array([is_eye(armature.names[bone]) for bone in bones.tolist()])
+    for rows in rows_of_labels(shape.components):
+        low, high = shape.points[rows].min(axis=0), shape.points[rows].max(axis=0)
+        sides = high - low
+        size = float(np.linalg.norm(sides))
+        if not 0 < size <= BALL * shape.diagonal:
+            continue
+        away = np.linalg.norm(heads - (low + high) / 2, axis=1)
+        nearest = int(away.argmin())
+        within = ((heads >= low) & (heads <= high)).all(axis=1)
+        apart = np.linalg.norm(heads - heads[nearest], axis=1) > CENTERED * size
+        ball = size >= KNUCKLE * shape.diagonal and sides.min() >= CUBE * sides.max()
+        ball = ball and not (within & apart).any()
+        if away[nearest] <= (0.5 if eye[nearest] else CENTERED * ball) * size:
+            found[rows] = bones[nearest]
+    return found
 
 
 def _limited(skin: SkinWeights, most: int) -> SkinWeights:
@@ -214,34 +312,35 @@ def _smoothed_within(
     return SkinWeights(np.where(weights > 0, bones, -1), weights)
 
 
-def _nearest(shape: Shape, armature: Armature | Bones) -> tuple[SkinWeights, FloatArray]:
+def _nearest(shape: Shape, segments: Segments) -> tuple[SkinWeights, FloatArray]:
     """Return the nearest bones of each vertex with their shares, and the distance to them."""
     from medialis.rigging._way_kernels import Fares, Waiting, nearest_bones
 
-    cell, origin, size = _lattice(shape, armature)
+    cell, origin, size = _lattice(shape, segments)
     points = (shape.points - origin) / cell
     normals = np.nan_to_num(shape.normals)
     grid = _grid(points, shape.faces, size)
     around = _behind(points, normals, grid)
     grid.wanted[around.cells[around.good | ~around.good.any(axis=1, keepdims=True)]] = True
-    heads, tails = (armature.heads - origin) / cell, (armature.tails - origin) / cell
+    ends = (segments.heads - origin) / cell, (segments.tails - origin) / cell
+    lines = replace(segments, heads=ends[0], tails=ends[1])
     fee = FEE * float(np.linalg.norm(size))
-    ways = _seeds(heads, tails, grid, fee)
+    ways = _seeds(lines, grid, fee)
     seeds = ways.costs[np.isfinite(ways.costs)]
     lists = int(max(fee + OUTSIDE * np.sqrt(3.0), seeds.max())) + 2
     after, before = np.empty((2, ways.costs.size), np.int32)
     waiting = Waiting(np.full(lists, -1, np.int32), after, before)
     limit = nearest_bones(grid, Fares(OUTSIDE, fee, FURTHER), ways, waiting)
     found = _of_vertices(around, ways, limit, fee)
-    skin, far = _shared(points, heads, tails, found, fee)
+    skin, far = _shared(points, lines, found, fee)
     return skin, cell * far
 
 
-def _lattice(shape: Shape, armature: Armature | Bones) -> tuple[float, FloatArray, Index]:
+def _lattice(shape: Shape, segments: Segments) -> tuple[float, FloatArray, Index]:
     """Return the edge of a cell, where the first center stands, and how many there are."""
     low, high = shape.bounds
     reach = 0.25 * shape.diagonal
-    joints = np.clip(np.concatenate([armature.heads, armature.tails]), low - reach, high + reach)
+    joints = np.clip(np.concatenate([segments.heads, segments.tails]), low - reach, high + reach)
     low, high = np.minimum(low, joints.min(axis=0)), np.maximum(high, joints.max(axis=0))
     sides = np.maximum(high - low, 1e-2 * shape.diagonal)
     assert shape.faces is not None
@@ -277,24 +376,27 @@ def _cells_around(places: FloatArray, size: Index) -> tuple[Index, FloatArray]:
     return np.ravel_multi_index(tuple(corner.T), tuple(size)).T, corner.astype(np.float64)
 
 
-def _seeds(heads: FloatArray, tails: FloatArray, grid: Grid, fee: float) -> Ways:
+def _seeds(lines: Segments, grid: Grid, fee: float) -> Ways:
     """Return the ways to the cells around each bone; those outside pay as others do."""
     from medialis.rigging._way_kernels import Ways
 
+    heads, tails, total = lines.heads, lines.tails, int(lines.bone.max()) + 1
     counts = np.ceil(2.0 * np.linalg.norm(tails - heads, axis=1)).astype(np.int64) + 2
-    bone = np.repeat(np.arange(len(heads)), counts)
-    step = np.arange(len(bone)) - np.repeat(np.cumsum(counts) - counts, counts)
+    line = np.repeat(np.arange(len(heads)), counts)
+    step = np.arange(len(line)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (step / np.repeat(counts - 1, counts))[:, None]
-    cells, centers = _cells_around((1 - share) * heads[bone] + share * tails[bone], grid.size)
-    bone = np.repeat(bone, 8)
-    cells, far = cells.ravel(), _distance(centers.reshape(-1, 3), heads[bone], tails[bone])
-    _, rows = np.unique(cells * len(heads) + bone, return_index=True)
+    cells, centers = _cells_around((1 - share) * heads[line] + share * tails[line], grid.size)
+    line = np.repeat(line, 8)
+    cells, far = cells.ravel(), _distance(centers.reshape(-1, 3), heads[line], tails[line])
+    order = np.argsort(far, kind="stable")  # of the segments of a bone, the nearest one counts
+    cells, bone, far = cells[order], lines.bone[line[order]].astype(np.int64), far[order]
+    _, rows = np.unique(cells * total + bone, return_index=True)
     cells, bone, far = cells[rows], bone[rows], far[rows]
     cost = np.where(grid.inside[cells], far, OUTSIDE * far + fee)
     order = np.lexsort((bone, cost, cells))
     cells, bone, cost = cells[order], bone[order], cost[order]
     column = np.arange(len(cells)) - np.searchsorted(cells, cells)
-    shape = len(grid.inside), min(KEPT, len(heads))
+    shape = len(grid.inside), min(KEPT, len(np.unique(lines.bone)))
     ways = Ways(np.full(shape, -1, np.int32), np.full(shape, np.inf), np.full(shape, np.inf))
     kept = column < shape[1]
     place = cells[kept], column[kept]
@@ -361,10 +463,31 @@ def _of_vertices(
     return whole, cost, length
 
 
+def _to_bones(points: FloatArray, lines: Segments, bones: IntArray) -> FloatArray:
+    """Return the distance of points (n, 3) from bones (n, k), beyond a joint times 0.9 to 1.1.
+
+    Beyond a joint, two bones are equally near: their common end is the nearest place of both. The
+    factor decides for the bone on whose side of the plane between them a point is.
+    """
+    table = lines.table
+    best = np.full(bones.shape, np.inf)
+    for column in range(table.shape[1]):
+        rows = table[bones, column]
+        heads, way = lines.heads[rows], lines.tails[rows] - lines.heads[rows]
+        off = points[:, None] - heads
+        squared = np.maximum((way**2).sum(axis=-1), 1e-300)
+        share = (off * way).sum(axis=-1) / squared
+        away = off - np.clip(share, 0.0, 1.0)[..., None] * way
+        far = np.linalg.norm(away, axis=-1)
+        along = (away * way).sum(axis=-1) / np.maximum(far * np.sqrt(squared), 1e-300)
+        beyond = np.where(share < 0, -along, np.where((share > 1) & lines.joint[rows], along, 0.0))
+        best = np.minimum(best, far * (1.0 + BEYOND * beyond))
+    return best
+
+
 def _shared(
     points: FloatArray,
-    heads: FloatArray,
-    tails: FloatArray,
+    lines: Segments,
     found: tuple[IntArray, FloatArray, FloatArray],
     fee: float,
 ) -> tuple[SkinWeights, FloatArray]:
@@ -373,7 +496,7 @@ def _shared(
     A way without a bend is as long as the straight line, which the grid knows only roughly.
     """
     bones, costs, lengths = found
-    straight = _distance(points[:, None], heads[bones], tails[bones])
+    straight = _to_bones(points, lines, bones)
     far = np.where(lengths <= DETOUR * straight + 2.0, straight, lengths)
     known = np.isfinite(costs)
     tolls = np.subtract(costs, lengths, out=np.full_like(costs, np.inf), where=known)
@@ -381,9 +504,11 @@ def _shared(
     far[~known] = np.inf
     lost = ~known.any(axis=1)
     if lost.all():  # no way leads to the mesh
-        every = np.array([_distance(points, *ends) for ends in zip(heads, tails, strict=True)]).T
-        bones = np.argsort(every, axis=1, kind="stable")[:, : bones.shape[1]].astype(np.int32)
-        far = np.take_along_axis(every, bones, axis=1)
+        own = np.unique(lines.bone)
+        every = np.array([_to_bones(points, lines, np.full((len(points), 1), bone))[:, 0]
+                          for bone in own.tolist()]).T  # fmt: skip
+        order = np.argsort(every, axis=1, kind="stable")[:, : bones.shape[1]]
+        bones, far = own[order].astype(np.int32), np.take_along_axis(every, order, axis=1)
     elif lost.any():  # pieces apart follow what they are next to
         row = np.flatnonzero(~lost)[kd_tree(points[~lost]).query(points[lost])[1]]
         bones[lost], far[lost] = bones[row], far[row]

@@ -21,11 +21,11 @@ from medialis.rigging.operation import (
     RIGGED,
     ArmatureRun,
     bones_layer,
-    described,
-    named_bones,
+    laid_bones,
     test_poses_of,
 )
 from medialis.shape.shape import Shape
+from medialis.shape.union import unite
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,8 +92,7 @@ def _bones(shape: Shape, path: str, progress: Progress) -> Bones | Armature:
         ends = found.heads - shape.offset, found.tails - shape.offset
         return replace(found, heads=ends[0], tails=ends[1])
     options = ArmatureRun()
-    curve, _ = described(shape, options, progress)
-    return named_bones(curve, shape.up, options, progress)
+    return laid_bones(shape, unite(shape, progress, joined=True), options, progress)[2]
 
 
 OPERATION = Operation(
@@ -104,7 +103,8 @@ OPERATION = Operation(
     help="Compute the weights with which the bones of an armature move a mesh.\n\n"
     "The nearest bone is the one with the shortest way inside the body. The mesh may have holes, "
     "several pieces, inner faces, or no inside: no vertex is left without a bone. Weights are "
-    "smooth and sum to 1; a small piece moves as a whole.",
+    "smooth and sum to 1. A piece that no bone runs through follows the nearest skin; a small "
+    "piece moves as a whole. End markers move nothing.",
     source=None,
     examples=(("creature.ply", "weights of its own bones; bind.glb opens in other programs"),),
     layers={

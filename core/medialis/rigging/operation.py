@@ -12,14 +12,14 @@ import json
 import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import unit_rows
 from medialis.base.options import METERS, changed, choice, flag
-from medialis.base.progress import Progress
+from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton
@@ -41,13 +41,18 @@ from medialis.rigging.bones import (
 )
 from medialis.rigging.figure_bones import figure_bones
 from medialis.rigging.naming import roll_axes, rolls, target_names
+from medialis.rigging.pieces import carried_weights
 from medialis.rigging.poses import tried
 from medialis.shape.shape import Shape
 from medialis.shape.surface import Surface
+from medialis.shape.union import United, held_pieces, unite
 from medialis.skeleton.preparation import InvariantPreparation
 
 BY_BONE: dict[str, Any] = {"color_by": "bone", "labels": ("bone",)}
 """How layers are shown."""
+
+MAX_TRIALS = 2
+"""Maximum number of pieces that are left out in turn where the bones are no figure's."""
 
 POSES: bool = flag(
     False,
@@ -91,16 +96,26 @@ class ArmatureRun(InvariantPreparation):
     )
     poses: bool = POSES
 
+    def with_auto_resolved(self, data: Any, progress: Progress) -> Self:
+        """Replace "auto" by numbers for the united surface, on which the rest is computed."""
+        if isinstance(data, Shape) and data.faces is not None:
+            data = unite(data, progress, joined=True).shape
+        return super().with_auto_resolved(data, progress)
+
 
 def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
-    """Find the curve skeleton, lay bones along it, compute the weights."""
-    with progress.stage("curve", 0.0, 0.9):
-        curve, _ = described(shape, options, progress)
+    """Unite the pieces, find the curve skeleton, lay bones along it, compute the weights."""
+    with progress.stage("pieces", 0.0, 0.1):
+        union = unite(shape, progress, joined=True)
+    with progress.stage("curve", 0.1, 0.9):
+        union, curve, rig = laid_bones(shape, union, options, progress)
+    one_piece = union.shape is shape
     with progress.stage("weights", 0.9, 1.0):
-        rig = named_bones(curve, shape.up, options, progress)
         whole = skin_weights.of(rig, options, progress)
-    n = shape.point_count  # a refined shape has the given points first
+    n = union.shape.point_count  # a refined shape has the given points first
     skin = replace(whole, bones=whole.bones[:n], weights=whole.weights[:n], rig=rig)
+    if not one_piece:
+        skin = run_patiently(lambda: carried_weights(skin, union, shape), progress)
     if rig.cut:
         text = (
             f"An armature has no loops: {rig.cut} of the curve skeleton were cut, each where both "
@@ -108,11 +123,14 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         )
         progress.note(text, "loops_cut", loops=rig.cut)
     if len(rig.roots) > 1:
-        text = f"The shape has {len(rig.roots)} separate parts: each has a root bone."
-        progress.note(text, "root_bones", roots=len(rig.roots))
+        text = (
+            f"The shape has {len(rig.roots)} separate parts that enclose no volume: they were not "
+            "united, and each has a root bone."
+        )
+        progress.warn(text, "root_bones", roots=len(rig.roots))
     poses, panels = test_poses_of(shape, skin, options.poses, progress)
     return Outcome(
-        shape=curve.surface or shape,
+        shape=(curve.surface or shape) if one_piece else shape,
         layers=(bones_layer(rig), _skin_layer(shape, skin)),
         values={
             "bones": rig.count,
@@ -137,6 +155,49 @@ def run(shape: Shape, options: ArmatureRun, progress: Progress) -> Outcome:
         extras={"graph": curve, "bones": rig, "skin": skin},
         panels=panels,
     )
+
+
+def laid_bones(
+    shape: Shape, union: United, options: ArmatureRun, progress: Progress
+) -> tuple[United, CurveSkeleton, Bones]:
+    """Return the bones along the curve skeleton of united pieces, and what they were united to.
+
+    Where they are no figure's, up to `MAX_TRIALS` pieces that may be held or worn are left out in
+    turn: a sword would be a limb.
+    """
+    before = len(progress.messages)
+    if union.shape is not shape:
+        note_pieces(union, progress)
+    curve, _ = described(union.shape, options, progress)
+    rig = named_bones(curve, shape.up, options, progress)
+    if rig.kind or not options.figures or union.shape is shape:
+        return union, curve, rig
+    for piece in held_pieces(union, shape)[:MAX_TRIALS]:
+        trial = progress.still
+        less = unite(shape, trial, joined=True, without=piece)
+        note_pieces(less, trial)
+        other, _ = described(less.shape, options, trial)
+        found = named_bones(other, shape.up, options, trial)
+        if found.kind:
+            del progress.messages[before:]
+            progress.messages += trial.messages
+            return less, other, found
+    return union, curve, rig
+
+
+def note_pieces(union: United, progress: Progress) -> None:
+    """Report how many pieces of a shape were united, bridged, and left loose."""
+    loose, bridges = int(union.loose.sum()), len(union.bridges)
+    count = union.piece_count - loose
+    if count > 1:
+        text = f"{counted(count, 'piece')} were united into one surface."
+        progress.note(text, "pieces_united", pieces=count)
+    if bridges:
+        text = f"{counted(bridges, 'bridge', verbs=('was', 'were'))} added between pieces apart."
+        progress.note(text, "pieces_bridged", bridges=bridges)
+    if loose:
+        text = f"{counted(loose, 'loose piece', verbs=('follows', 'follow'))} the nearest skin."
+        progress.note(text, "pieces_attached", pieces=loose)
 
 
 def test_poses_of(
@@ -396,7 +457,8 @@ OPERATION = Operation(
     "The root is at the thickest junction. Joints are where limbs bend or change their thickness; "
     "limbs that mirror each other have bones of the same names, with .L and .R. Loops are cut. "
     "Each point of the surface has at most four bones, with weights that sum to 1 and stay on "
-    "their own limb. Needs a mesh.",
+    "their own limb. Pieces that overlap or touch are united, and pieces apart are bridged; small "
+    "loose pieces and clothes follow the nearest skin. Needs a mesh.",
     source=None,
     examples=(("creature.ply", "bones and skin weights; armature.glb opens in other programs"),),
     layers={

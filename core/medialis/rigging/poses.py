@@ -9,6 +9,7 @@ do (linear blending), and counts edges that grow and triangles that shrink to no
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +37,9 @@ WORDS = (
     *("tail", "tail.001", "tail.002", "ear.L", "ear.R"),
 )  # fmt: skip
 """Parts of figures, by which names are known."""
+
+PREFIX, VROID = re.compile(r"^(mixamorig\d*_?|DEF-|ORG-|MCH-)"), re.compile(r"^J_Bip_([LRC])_")
+"""What programs write before the names of bones."""
 
 FEW_NAMES = 6
 """Parts that a rig names at least, for its names to be believed."""
@@ -174,10 +178,29 @@ class FigureParts:
         return "quadruped" if "front_thigh.L" in self.rows else "biped"
 
 
+def bare_name(name: str) -> str:
+    """Return the name of a bone in lower case, without what programs write before it.
+
+    Such prefixes are namespaces ("mixamorig:"), layers of Rigify ("DEF-"), and those of VRoid,
+    whose letter for the side becomes a word.
+
+    Examples
+    --------
+    >>> [bare_name(name) for name in ("mixamorig5:LeftArm", "DEF-thigh.L", "J_Bip_L_UpperArm")]
+    ['leftarm', 'thigh.l', 'leftupperarm']
+    """
+    bare = PREFIX.sub("", name.rsplit(":", 1)[-1].rsplit("|", 1)[-1])
+    vroid = VROID.match(bare)
+    if vroid:
+        bare = {"L": "left", "R": "right", "C": ""}[vroid[1]] + bare[vroid.end() :]
+        bare = bare.replace("ToeBase", "Toes")
+    return bare.lower()
+
+
 def figure_parts(rig: Bones | Armature) -> FigureParts | None:
     """Return the parts of a figure by the names of bones; None where they name none.
 
-    Names are those of this project, or of the programs in `naming.py`.
+    Names are those of this project, or of the programs in `naming.py`, with or without prefixes.
 
     Examples
     --------
@@ -189,11 +212,13 @@ def figure_parts(rig: Bones | Armature) -> FigureParts | None:
     >>> found.rows["upper_arm.L"], found.left.tolist(), found.ahead.tolist()
     (3, [1.0, 0.0, 0.0], [0.0, -1.0, 0.0])
     """
-    of_names = {name: bone for bone, name in enumerate(rig.names)}
-    found: list[dict[str, int]] = [
-        {part: of_names[target.name(part)] for part in WORDS if target.name(part) in of_names}
-        for target in TARGETS.values()
-    ]
+    # Of an original, a mechanism and a deforming bone of the same name, the last one counts.
+    order = sorted(range(rig.count), key=lambda bone: rig.names[bone].startswith("DEF-"))
+    of_names = {bare_name(rig.names[bone]): bone for bone in order}
+    found: list[dict[str, int]] = []
+    for target in TARGETS.values():
+        names = {part: bare_name(target.name(part)) for part in WORDS}
+        found.append({part: of_names[name] for part, name in names.items() if name in of_names})
     rows = max(found, key=len)
     if len(rows) < FEW_NAMES:
         return None

@@ -1,0 +1,165 @@
+"""Which bones of a rig deform a surface, and the segments that they act along.
+
+Rigs have bones that move nothing: end markers (`HeadTop_End`, `Toe0Nub`), a root on
+the ground, helpers of inverse kinematics. `deforming` finds them by their names and places.
+`segments_of` gives the lines along which the others act: a bone, and the connections from it to
+those of its children that begin elsewhere.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from medialis.base.arrays import Mask
+from medialis.base.validation import FloatArray, IntArray
+from medialis.rigging.armature import Armature
+from medialis.rigging.bones import Bones
+
+ENDS = frozenset({"end", "nub", "endsite", "effector"})
+"""Last words of the names of end markers."""
+
+SIDES = frozenset({"l", "r", "left", "right", "c", "m"})
+"""Words for sides, which may follow the last word."""
+
+HELPERS = frozenset({"ik", "mch", "org", "ctrl", "wgt", "pole"})
+"""First words of the names of helpers that deform nothing."""
+
+ROOTS = frozenset({"root", "armature", "master", "reference", "world", "origin", "skeleton"})
+"""Names of bones without a parent that stand for the whole figure."""
+
+FINGERTIP = re.compile(r"Hand(Thumb|Index|Middle|Ring|Pinky)4$")
+"""End markers of fingers in Mixamo's rigs."""
+
+EYELESS = frozenset({"brow", "eyebrow", "lid", "eyelid", "lash", "eyelash", "corner"})
+"""Words in the names of bones that deform the skin around eyes."""
+
+ASIDE = 1.0
+"""Distance of the head of a child from a bone, as a fraction of the length of the bone, from which
+on the bone acts along the connection, too: hips reach to the thighs, and heads to ears, but a hand
+does not reach to each finger."""
+
+SAME = 1e-5
+"""Fraction of the extent of a rig within which a joint is at the end of a bone."""
+
+
+def words_of(name: str) -> list[str]:
+    """Return the lower-case words of the name of a bone, without the numbers.
+
+    Examples
+    --------
+    >>> words_of("mixamorig:LeftToe_End"), words_of("ball_leaf_l"), words_of("Bip01 L Toe0Nub")
+    (['left', 'toe', 'end'], ['ball', 'leaf', 'l'], ['bip', 'l', 'toe', 'nub'])
+    """
+    local = name.rsplit(":", 1)[-1]
+    return [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", local)]
+
+
+def is_end_marker(name: str) -> bool:
+    """Return whether a bone without children is an end marker by its name.
+
+    Examples
+    --------
+    >>> [is_end_marker(name) for name in ("HeadTop_End", "tail_end.L", "LeftHandIndex4", "Head")]
+    [True, True, True, False]
+    """
+    words = words_of(name)
+    while words and words[-1] in SIDES:
+        words.pop()
+    return bool(words and words[-1] in ENDS) or FINGERTIP.search(name) is not None
+
+
+def is_eye(name: str) -> bool:
+    """Return whether a bone turns an eyeball by its name.
+
+    Examples
+    --------
+    >>> [is_eye(name) for name in ("mixamorig:LeftEye", "eye.R", "J_Adj_L_FaceEye", "eyelid.L")]
+    [True, True, True, False]
+    """
+    words = set(words_of(name))
+    return bool(words & {"eye", "eyeball"}) and not words & EYELESS
+
+
+def deforming(rig: Bones | Armature) -> Mask:
+    """Return which bones deform the surface, (b,) bool; all if no other bone would.
+
+    Examples
+    --------
+    >>> heads = [[0, 0, 0], [0, 0, 1], [0, 0, 2]]
+    >>> rig = Armature(heads, [[0, 0, 1], [0, 0, 2], [0, 0, 3]], [-1, 0, 1],
+    ...                ("root", "spine", "spine_end"))
+    >>> deforming(rig).tolist()
+    [False, True, False]
+    """
+    leaf = np.ones(rig.count, np.bool_)
+    leaf[rig.parents[rig.parents >= 0]] = False
+    moves = np.ones(rig.count, np.bool_)
+    deform_only = any(name.startswith("DEF-") for name in rig.names)
+    for bone, name in enumerate(rig.names):
+        words = words_of(name)
+        helper = bool(words) and words[0] in HELPERS
+        top = rig.parents[bone] < 0 and bool(words) and words[-1] in ROOTS and not leaf[bone]
+        marker = bool(leaf[bone]) and rig.parents[bone] >= 0 and is_end_marker(name)
+        moves[bone] = not (helper or top or marker) and (not deform_only or name.startswith("DEF-"))
+    return moves if moves.any() else np.ones(rig.count, np.bool_)
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """Lines along which bones act.
+
+    Attributes
+    ----------
+    heads, tails : (s, 3) float64
+    bone : (s,) int32
+    joint : (s,) bool
+        Whether another bone of the rig begins at the tail.
+    """
+
+    heads: FloatArray
+    tails: FloatArray
+    bone: IntArray
+    joint: np.ndarray
+
+    @property
+    def table(self) -> IntArray:
+        """Segments of each bone, (b, k), repeated where a bone has fewer; 0 for bones without."""
+        count = np.bincount(self.bone)
+        order = np.argsort(self.bone, kind="stable")
+        first = np.cumsum(count) - count
+        column = np.minimum(np.arange(count.max()), np.maximum(count, 1)[:, None] - 1)
+        rows = np.minimum(first[:, None] + column, len(order) - 1)
+        return np.asarray(order[rows], np.int32)
+
+
+def segments_of(rig: Bones | Armature, moves: Mask) -> Segments:
+    """Return the segments of the bones that deform, (b,) bool.
+
+    A bone acts along itself, and along the connections to the heads of those of its children that
+    begin far from it (`ASIDE`).
+    """
+    heads, tails, bone, joint = [], [], [], []
+    reach = SAME * float(np.ptp(np.concatenate([rig.heads, rig.tails]), axis=0).max())
+    children: dict[int, list[int]] = {}
+    for row, above in enumerate(rig.parents.tolist()):
+        children.setdefault(above, []).append(row)
+    for row in np.flatnonzero(moves).tolist():
+        head, tail = rig.heads[row], rig.tails[row]
+        ends = [rig.heads[child] for child in children.get(row, [])]
+        at_tail = any(np.linalg.norm(end - tail) <= reach for end in ends)
+        lines = [(head, tail, at_tail)]
+        way = tail - head
+        for end in ends:
+            share = np.clip((end - head) @ way / max(float(way @ way), 1e-300), 0.0, 1.0)
+            near = head + share * way
+            if float(np.linalg.norm(end - near)) > max(reach, ASIDE * float(np.linalg.norm(way))):
+                lines.append((near, end, True))
+        for start, end, meets in lines:
+            heads.append(start)
+            tails.append(end)
+            bone.append(row)
+            joint.append(meets)
+    return Segments(np.array(heads), np.array(tails), np.array(bone, np.int32), np.array(joint))
