@@ -11,7 +11,8 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -23,10 +24,13 @@ import numpy as np
 from medialis.base.errors import FileError, InvalidShapeError
 from medialis.base.options import METERS
 from medialis.base.progress import Progress
+from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.formats.files import file_bytes, reading
+from medialis.formats.meshes import read_mesh
 from medialis.medial_meshes.mesh import BallCover
-from medialis.shape.reading import make_shape, read_shape
+from medialis.shape.normals import ring_normals
+from medialis.shape.repair import repaired
 from medialis.shape.samples import turned
 from medialis.shape.shape import Shape
 
@@ -77,9 +81,22 @@ def link_shapes(
             faces = [rows + first for (_, rows), first in zip(parts, counts, strict=True)]
             points = np.concatenate([points for points, _ in parts])
             name = link.get("name", "")
-            found[name] = make_shape(points, np.concatenate(faces), repair=True, unit="m")
+            with reading(f"link {name} of {os.fspath(path)}"):
+                found[name] = _mended(points, np.concatenate(faces))
         progress.update((number + 1) / len(links))
     return found
+
+
+def _mended(points: Any, faces: Any) -> Shape:
+    """Weld and orient the triangles of a link.
+
+    Without the fits of cylinders and planes by which `make_shape` gets exact normals: balls and
+    capsules do not need them, and they take most of the time.
+    """
+    fixed, _ = repaired(points, faces, None)
+    if fixed.faces is None or len(fixed.faces) == 0:
+        raise InvalidShapeError("no triangle of it has an area.")
+    return Shape(fixed.points, ring_normals(fixed.points, fixed.faces), fixed.faces, unit="m")
 
 
 def _parts(path: Path, link: ElementTree.Element, progress: Progress) -> Iterator[tuple[Any, Any]]:
@@ -98,12 +115,12 @@ def _parts(path: Path, link: ElementTree.Element, progress: Progress) -> Iterato
 def _shape(path: Path, kind: ElementTree.Element, progress: Progress) -> tuple[Any, Any]:
     if kind.tag == "mesh":
         file = mesh_file(path, kind.get("filename", ""))
-        shape = read_shape(file, progress=progress)
-        if shape.faces is None:
+        mesh = run_patiently(lambda: read_mesh(file), progress)
+        if mesh.faces is None:
             raise InvalidShapeError(f"its mesh {file.name} is a point cloud.")
-        scale = _numbers(kind.get("scale", "1 1 1"), 3) * METERS.get(shape.unit or "m", 1.0)
-        faces = shape.faces if np.prod(scale) > 0 else shape.faces[:, ::-1]
-        return shape.points * scale, faces
+        scale = _numbers(kind.get("scale", "1 1 1"), 3) * METERS.get(mesh.unit or "m", 1.0)
+        faces = mesh.faces if np.prod(scale) > 0 else mesh.faces[:, ::-1]
+        return mesh.points * scale, faces
     if kind.tag == "box":
         corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) - 0.5
         quads = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -119,31 +136,127 @@ def _shape(path: Path, kind: ElementTree.Element, progress: Progress) -> tuple[A
     raise InvalidShapeError(f"it has a shape <{kind.tag}>; URDF has mesh, box, cylinder, sphere.")
 
 
-def fixed_frames(root: ElementTree.Element) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return how the links that do not move with a joint stand in the frame of the first one.
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint of a robot.
+
+    Attributes
+    ----------
+    name, kind : str
+        The kind is "fixed", "revolute", "continuous", "prismatic", "floating" or "planar".
+    parent, child : str
+        Links.
+    rotation : (3, 3) float64
+    origin : (3,) float64
+        Of the frame of the child in that of the parent, at joint value 0; in metres.
+    axis : (3,) float64
+        In the frame of the child, of length 1.
+    limits : (float, float) or None
+        Smallest and largest value, in radians or metres.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    rotation: FloatArray
+    origin: FloatArray
+    axis: FloatArray
+    limits: tuple[float, float] | None
+
+    def at_rest(self) -> tuple[FloatArray, FloatArray]:
+        """Return rotation and origin of the child at value 0, or the nearest that limits allow."""
+        value = 0.0 if self.limits is None else min(max(0.0, self.limits[0]), self.limits[1])
+        if value == 0.0 or self.kind not in ("revolute", "prismatic"):
+            return self.rotation, self.origin
+        if self.kind == "prismatic":
+            return self.rotation, self.origin + self.rotation @ self.axis * value
+        from scipy.spatial.transform import Rotation
+
+        return self.rotation @ Rotation.from_rotvec(value * self.axis).as_matrix(), self.origin
+
+
+def joints_of(root: ElementTree.Element) -> list[Joint]:
+    """Return the joints of a robot.
+
+    Raises
+    ------
+    InvalidShapeError
+        When an attribute does not have the numbers that it should have.
+    """
+    found = []
+    for one in root.findall("joint"):
+        parent, child = (
+            "" if end is None else end.get("link", "")
+            for end in map(one.find, ("parent", "child"))
+        )
+        axis, limit = one.find("axis"), one.find("limit")
+        vector = _numbers("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), 3)
+        limits = None
+        if limit is not None and one.get("type") in ("revolute", "prismatic"):
+            low, high = (float(_numbers(limit.get(name, "0"), 1)[0]) for name in ("lower", "upper"))
+            limits = (low, high) if low <= high else None
+        length = float(np.linalg.norm(vector)) or 1.0
+        frame = _origin(one)
+        name, kind = one.get("name", ""), one.get("type", "")
+        found.append(Joint(name, kind, parent, child, *frame, vector / length, limits))
+    return found
+
+
+def rest_frames(
+    root: ElementTree.Element, *, fixed: bool = False
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Return where links are when no joint is moved.
+
+    Parameters
+    ----------
+    root : Element
+    fixed : bool
+        Only the links that no joint can move.
 
     Returns
     -------
     dict of (rotation (3, 3), origin (3,))
-        The first link, which no joint moves, and what is fixed to it.
+        In the frame of the first link: of links that nothing is a parent of, and of all that joints
+        connect to them.
     """
-    joints = root.findall("joint")
-    ends = [
-        [("" if end is None else end.get("link", "")) for end in map(one.find, ("parent", "child"))]
-        for one in joints
-    ]
-    moved = {child for _, child in ends}
+    joints = joints_of(root)
+    moved = {joint.child for joint in joints}
     names = [link.get("name", "") for link in root.findall("link")]
     found = {name: (np.eye(3), np.zeros(3)) for name in names if name not in moved}
     waiting = list(found)
     for link in waiting:  # grows meanwhile
-        turn, place = found[link]
-        for joint, (parent, child) in zip(joints, ends, strict=True):
-            if parent == link and child not in found and joint.get("type") == "fixed":
-                own_turn, own_place = _origin(joint)
-                found[child] = turn @ own_turn, turn @ own_place + place
-                waiting.append(child)
+        rotation, origin = found[link]
+        for joint in joints:
+            if joint.parent != link or joint.child in found or (fixed and joint.kind != "fixed"):
+                continue
+            turn, place = joint.at_rest()
+            found[joint.child] = rotation @ turn, rotation @ place + origin
+            waiting.append(joint.child)
     return found
+
+
+def separate_pairs(root: ElementTree.Element) -> Callable[[str, str], bool]:
+    """Return a function that says whether two links move against each other without a joint between.
+
+    Links that fixed joints connect are one body; bodies that a joint connects are neighbours. Of
+    links that no joints connect at all it is not known where they are.
+    """
+    joints = joints_of(root)
+    body = {link.get("name", ""): link.get("name", "") for link in root.findall("link")}
+    tree = dict(body)
+    for joint in joints:
+        if joint.parent in body and joint.child in body:
+            for label in (tree, body) if joint.kind == "fixed" else (tree,):
+                old, new = label[joint.child], label[joint.parent]
+                label.update({link: new for link, one in label.items() if one == old})
+    joined = {frozenset((body.get(one.parent), body.get(one.child))) for one in joints}
+
+    def are_separate(first: str, second: str) -> bool:
+        ends = frozenset((body[first], body[second]))
+        return tree[first] == tree[second] and len(ends) == 2 and ends not in joined
+
+    return are_separate
 
 
 def _origin(element: ElementTree.Element) -> tuple[FloatArray, FloatArray]:
@@ -250,3 +363,7 @@ def urdf_text(urdf: str, links: Mapping[str, BallCover]) -> str:
             ElementTree.SubElement(geometry, "sphere", {"radius": repr(radius)})
     ElementTree.indent(root)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+def mjcf_text(*a):
+    raise NotImplementedError
