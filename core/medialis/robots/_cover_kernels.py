@@ -136,3 +136,17 @@ def improve_columns(needs, rounds, largest, columns, owners, out_needed):
                     best = j
             columns[c] = best
     return out_needed.max()
+
+
+@kernel
+def fill_radii(corners, owners, axes, out_radii):
+    """Enlarge `out_radii` (k,) until each corner (c, 3) is within that of its owner's axis (k, 6)."""
+    for i in range(len(corners)):
+        axis = axes[owners[i]]
+        x, y, z = corners[i, 0] - axis[0], corners[i, 1] - axis[1], corners[i, 2] - axis[2]
+        ux, uy, uz = axis[3] - axis[0], axis[4] - axis[1], axis[5] - axis[2]
+        square = ux * ux + uy * uy + uz * uz
+        if square > 0.0:
+            along = min(max((x * ux + y * uy + z * uz) / square, 0.0), 1.0)
+            x, y, z = x - along * ux, y - along * uy, z - along * uz
+        out_radii[owners[i]] = max(out_radii[owners[i]], math.sqrt(x * x + y * y + z * z))

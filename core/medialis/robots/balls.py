@@ -12,8 +12,9 @@ import json
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -22,12 +23,13 @@ from medialis.base.arrays import Described, enclosed_volume
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, flag, whole
 from medialis.base.progress import Progress, counted
-from medialis.base.validation import FloatArray, Positions
+from medialis.base.validation import FloatArray
 from medialis.formats.files import write_text
 from medialis.medial_meshes.mesh import BallCover
 from medialis.robots.clearances import LinkOverlap, RestingLinks
 from medialis.robots.covers import (
     Candidates,
+    CapsuleCover,
     Clearance,
     Cover,
     LinkCovers,
@@ -40,11 +42,12 @@ from medialis.robots.figures import measured, summed
 from medialis.robots.link_solids import LinkSolid
 from medialis.robots.sharing import share
 from medialis.robots.urdf import (
+    Ends,
+    ends_of,
     link_shapes,
     mjcf_text,
     rest_frames,
     robot_of,
-    rows_of,
     separate_pairs,
     srdf_text,
     urdf_text,
@@ -55,7 +58,7 @@ from medialis.shape.shape import Shape
 PATCHES = 500
 """Patches of the surface of each link, about, where there are few balls for each."""
 
-PATCHES_PER_BALL = 30
+PATCHES_PER_BALL = 60
 """Patches for each ball that a link gets on average."""
 
 MOST_NUMBERS = 1 << 27
@@ -66,28 +69,6 @@ ROUND = 1e-6
 
 FULL = 0.9
 """where it has this share of the volume."""
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class CapsuleCover(Described):
-    """Capsules in one of which each point of a surface lies.
-
-    Attributes
-    ----------
-    starts, ends : (n, 3) float64
-        Ends of the axes; the same for a ball.
-    radii : (n,) float64
-    excess : float
-        Volume of the capsules outside of the solid, as a fraction of its volume; an estimate.
-    """
-
-    starts: Positions
-    ends: Positions
-    radii: FloatArray
-    excess: float
-
-    def __len__(self) -> int:
-        return len(self.radii)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -209,6 +190,7 @@ def robot_balls(
     --------
     >>> import tempfile
     >>> from pathlib import Path
+from typing import Any
     >>> import medialis
     >>> box = '<collision><geometry><box size="0.1 0.2 0.3"/></geometry></collision>'
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -309,7 +291,9 @@ def _shared(
     free, limits, clearances = {}, {}, {}
     for number, name in enumerate(rest):
         clearances[name] = resting.clearance(name)
-        free[name] = _choices(solids[name], clearances[name], options.capsules)
+        free[name] = _choices(
+            solids[name], clearances[name], options.capsules, options.balls / len(solids)
+        )
         allowed = free[name].needs.candidates.limits
         if allowed.min() < free[name].protrusion(1):
             limits[name] = allowed
@@ -326,12 +310,14 @@ def _shared(
     return {name: round_ones[name] if name in round_ones else covers[name] for name in solids}
 
 
-def _choices(solid: LinkSolid, clearance: Clearance | None, capsules: bool) -> LinkCovers:
+def _choices(
+    solid: LinkSolid, clearance: Clearance | None, capsules: bool, each: float
+) -> LinkCovers:
     """Return the covers of a link without regard to other links; candidates have limits."""
     axes = ball_axes(solid)
     for joined in (False, True)[: 1 + capsules]:
         if joined:
-            axes = capsule_axes(solid, covers)
+            axes = capsule_axes(solid, covers, each)
         needs = Needs.of(solid.patches, Candidates.of_axes(axes, solid, clearance))
         covers = LinkCovers(solid, needs, needs.best())
     return covers
@@ -370,18 +356,30 @@ def _above(cover: Cover, plane: tuple[FloatArray, float], progress: Progress) ->
     return Cover(np.concatenate([centers, centers], axis=1), radii, cover.depths[kept])
 
 
-ENDINGS = (".yml", ".yaml", ".srdf", ".urdf", ".json")
+ENDINGS = (".yml", ".yaml", ".srdf", ".urdf", ".xml", ".json")
+CAPSULE_ENDINGS = (".urdf", ".xml", ".json")
+"""Of files that can hold capsules."""
+
+
+def check_ending(path: Path, capsules: bool) -> None:
+    """Refuse a file whose ending says no format, or one without capsules where there are some."""
+    endings = CAPSULE_ENDINGS if capsules else ENDINGS
+    if path.suffix.lower() not in endings:
+        kind = "Capsules" if capsules else "Balls"
+        raise InvalidOptionError(f"{kind} end in {', '.join(endings)}, got {path.name!r}.")
 
 
 def write_robot_balls(path: str | os.PathLike[str], robot: RobotBalls) -> None:
-    """Write the balls of a robot, in metres.
+    """Write the balls or capsules of a robot, in metres.
 
     Parameters
     ----------
     path : path
         Ends in .yml or .yaml (``collision_spheres`` as cuRobo reads them), .srdf
-        (``link_sphere_approximation``), .urdf (the robot with balls as its collision elements) or
-        .json (with the figures).
+        (``link_sphere_approximation``), .urdf (the robot with balls as its collision elements; a
+        cylinder and two spheres for each capsule), .xml (a MuJoCo model with the joints and masses
+        of the robot, and geoms of type sphere or capsule) or .json (with the figures). Capsules can
+        be in the last three.
     robot : RobotBalls
 
     Raises
@@ -399,6 +397,7 @@ def write_robot_balls(path: str | os.PathLike[str], robot: RobotBalls) -> None:
     --------
     >>> import tempfile
     >>> from pathlib import Path
+from typing import Any
     >>> import medialis
     >>> ball = medialis.BallCover([[0, 0, 0.5]], [0.25], 0.0)
     >>> robot = medialis.RobotBalls("arm", {"base": ball}, {}, '<robot name="arm"/>')
@@ -408,20 +407,39 @@ def write_robot_balls(path: str | os.PathLike[str], robot: RobotBalls) -> None:
         - "center": [0.0, 0.0, 0.5]
     """
     name = Path(path)
-    ending = name.suffix.lower()
-    if ending not in ENDINGS:
-        raise InvalidOptionError(f"Balls end in {', '.join(ENDINGS)}, got {name.name!r}.")
+    check_ending(name, robot.has_capsules)
+    ending, balls = name.suffix.lower(), _balls_of(robot)
     if ending == ".json":
-        spheres = {
-            link: [{"center": row[:3], "radius": row[3]} for row in rows_of(cover)]
-            for link, cover in robot.links.items()
+        content = {
+            "robot": robot.name,
+            "unit": "m",
+            "links": {link: [*map(_row_of, ends_of(cover))] for link, cover in robot.links.items()},
+            "figures": finite(robot.figures),
+            "protrusions": dict(robot.protrusions),
+            "overlaps": [asdict(pair) for pair in robot.overlaps],
         }
-        content = {"robot": robot.name, "unit": "m", "links": spheres, "figures": robot.figures}
         text = json.dumps(content, indent=1) + "\n"
     elif ending == ".srdf":
-        text = srdf_text(robot.name, robot.links)
+        text = srdf_text(robot.name, balls)
     elif ending == ".urdf":
         text = urdf_text(robot.urdf, robot.links)
+    elif ending == ".xml":
+        text = mjcf_text(robot.urdf, robot.links)
     else:
-        text = yaml_text(robot.name, robot.links)
+        text = yaml_text(robot.name, balls)
     write_text(name, text)
+
+
+def _balls_of(robot: RobotBalls) -> dict[str, BallCover]:
+    return {link: one for link, one in robot.links.items() if isinstance(one, BallCover)}
+
+
+def _row_of(part: Ends) -> dict[str, Any]:
+    if part.length == 0.0:
+        return {"center": part.start.tolist(), "radius": part.radius}
+    return {"start": part.start.tolist(), "end": part.end.tolist(), "radius": part.radius}
+
+
+def finite(figures: Mapping[str, float]) -> dict[str, float | None]:
+    """Return figures for JSON: None for those that are not defined."""
+    return {name: value if math.isfinite(value) else None for name, value in figures.items()}

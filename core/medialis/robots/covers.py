@@ -23,16 +23,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Described, Index
 from medialis.base.threads import run_chunks
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, Positions
 from medialis.robots.link_solids import LinkSolid, Patches
 
 Clearance = Callable[[FloatArray], FloatArray]
 """Distance of points (q, 3) at diagonal 1 from the links that a link must not touch, (q,)."""
 
 BALLS_JOINED = (2, 4, 6, 9, 13, 18, 24)
-"""Capsules are tried between any two balls of the covers by so many balls."""
+"""Capsules are tried between any two balls of the covers by so many balls,"""
+
+JOINED_PER_CAPSULE = 2
+"""up to so many for each capsule that a link gets on average; by 9 at least."""
 
 ALONG = 7
 """Points of the axis of a capsule at which its depth is measured."""
@@ -47,7 +50,10 @@ MOVES = 200
 """Tries to move a candidate elsewhere, for each cover."""
 
 STEPS = (1.0, 0.5, 0.25)
-"""Lengths by which ends are moved, in sides of a patch."""
+"""Lengths by which ends are moved, in sides of a patch,"""
+
+STEPS_EACH = 6
+"""and how often by each: balls in a row pass room on from one to the next."""
 
 PATCHES_A_CHUNK = 128
 
@@ -98,10 +104,14 @@ def ball_axes(solid: LinkSolid) -> FloatArray:
     return np.concatenate([centers, centers], axis=1)
 
 
-def capsule_axes(solid: LinkSolid, balls: LinkCovers) -> FloatArray:
-    """Return the axes of capsules between the balls of some covers, and of all balls, (m, 6)."""
-    centers = solid.medial_balls[0]
-    ends = np.unique(np.concatenate([balls.columns(count) for count in BALLS_JOINED]))
+def capsule_axes(solid: LinkSolid, balls: LinkCovers, each: float) -> FloatArray:
+    """Return the axes of capsules between the balls of some covers, and of all balls, (m, 6).
+
+    `each` is the number of capsules that a link gets on average.
+    """
+    centers, most = solid.medial_balls[0], max(JOINED_PER_CAPSULE * each, BALLS_JOINED[3])
+    joined = [balls.columns(count) for count in BALLS_JOINED if count <= most]
+    ends = np.unique(np.concatenate(joined))
     first, second = np.triu_indices(len(ends), 1)
     pairs = np.concatenate([centers[ends[first]], centers[ends[second]]], axis=1)
     return np.concatenate([ball_axes(solid), pairs])
@@ -252,6 +262,28 @@ class Cover:
         return Cover(self.axes, radii, self.depths)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class CapsuleCover(Described):
+    """Capsules in one of which each point of a surface lies.
+
+    Attributes
+    ----------
+    starts, ends : (n, 3) float64
+        Ends of the axes; the same for a ball.
+    radii : (n,) float64
+    excess : float
+        Volume of the capsules outside of the solid, as a fraction of its volume; an estimate.
+    """
+
+    starts: Positions
+    ends: Positions
+    radii: FloatArray
+    excess: float
+
+    def __len__(self) -> int:
+        return len(self.radii)
+
+
 def refined(
     solid: LinkSolid, candidates: Candidates, clearance: Clearance | None, floor: float
 ) -> Cover:
@@ -259,19 +291,24 @@ def refined(
 
     They keep clear of other links, or stick out by no more than `floor` (diagonals) near them.
     """
+    from medialis.robots._cover_kernels import fill_radii
+
     patches, k = solid.patches.halved(), len(candidates.axes)
     for length in STEPS:
-        axes = _moved(candidates.axes, length * solid.patches.side)
-        columns = Candidates.of_axes(axes, solid, clearance)
-        needs = Needs.of(patches, columns)
-        if np.isfinite(columns.limits).any():
-            needs = needs.within(np.maximum(columns.limits, floor))
-        best, owners, _ = needs.improved(np.arange(k))
-        candidates = columns.subset(best)
-    owner = owners[patches.owner_of_corners]
-    away = axis_distances(patches.corners, candidates.axes[owner])
+        before = np.inf
+        for _ in range(STEPS_EACH):
+            axes = _moved(candidates.axes, length * solid.patches.side)
+            columns = Candidates.of_axes(axes, solid, clearance)
+            needs = Needs.of(patches, columns)
+            if np.isfinite(columns.limits).any():
+                needs = needs.within(np.maximum(columns.limits, floor))
+            best, owners, needed = needs.improved(np.arange(k))
+            candidates = columns.subset(best)
+            if needed.max() > before * (1.0 - BETTER):
+                break
+            before = needed.max()
     radii = np.full(k, -1.0)
-    np.maximum.at(radii, owner, away)
+    fill_radii(patches.corners, owners[patches.owner_of_corners], candidates.axes, radii)
     used = radii >= 0.0
     axes = candidates.axes[used] * solid.scale + np.tile(solid.middle, 2)
     radii = (radii[used] + ROUNDING) * solid.scale

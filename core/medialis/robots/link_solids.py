@@ -57,7 +57,7 @@ class Patches:
     """
 
     def __init__(self, pieces: FloatArray, within: Index, side: float) -> None:
-        middles = pieces.mean(axis=1)
+        middles = middles_of(pieces)
         cell = np.floor((middles - middles.min(axis=0)) / side).astype(np.int64)
         wide = cell.max(axis=0) + 1
         key = ((within * wide[0] + cell[:, 0]) * wide[1] + cell[:, 1]) * wide[2] + cell[:, 2]
@@ -79,13 +79,20 @@ class Patches:
 
     def halved(self) -> Patches:
         """Return patches of half the extent, each within one of these."""
-        patch, half = self.owner_of_corners[::3], 0.5 * self.side
-        small = longest_sides(self.pieces) <= half
-        corners = self.pieces[~small]
-        middles = 0.5 * (corners + np.roll(corners, -1, axis=1))  # of the side from each corner
-        parts = [np.stack([corners[:, k], middles[:, k], middles[:, k - 1]], 1) for k in range(3)]
-        pieces = np.concatenate([self.pieces[small], *parts, middles])
-        return Patches(pieces, np.concatenate([patch[small], *[patch[~small]] * 4]), half)
+        half, parts = 0.5 * self.side, []
+        pieces, patch = self.pieces, self.owner_of_corners[::3]
+        while len(pieces):
+            longest = longest_sides(pieces)
+            small = longest <= half
+            parts.append((pieces[small], patch[small]))
+            pieces, patch = pieces[~small], np.tile(patch[~small], 2)
+            sides = pieces - np.roll(pieces, -1, axis=1)
+            first = np.einsum("tkc,tkc->tk", sides, sides).argmax(axis=1)
+            a, b, c = (pieces[np.arange(len(first)), (first + k) % 3] for k in range(3))
+            middle = 0.5 * (a + b)
+            pieces = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
+        found, owners = zip(*parts, strict=True)
+        return Patches(np.concatenate(found), np.concatenate(owners), half)
 
     def __len__(self) -> int:
         return len(self.starts) - 1
@@ -111,8 +118,16 @@ class Patches:
 
 def longest_sides(triangles: FloatArray) -> FloatArray:
     """Return the length of the longest side of triangles (t, 3, 3), (t,)."""
-    sides = triangles - np.roll(triangles, 1, axis=1)
-    return np.sqrt(np.einsum("tkc,tkc->tk", sides, sides).max(axis=1, initial=0.0))
+    largest = np.zeros(len(triangles))
+    for k in range(3):
+        side = triangles[:, k] - triangles[:, k - 1]
+        largest = np.maximum(largest, np.einsum("tc,tc->t", side, side))
+    return np.sqrt(largest)
+
+
+def middles_of(triangles: FloatArray) -> FloatArray:
+    """Return the middles of triangles (t, 3, 3); by sums, which take a third of the time of means."""
+    return np.asarray((triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3.0)
 
 
 class LinkSolid:
@@ -173,7 +188,7 @@ class LinkSolid:
             low, side, outside, _ = self._voxels
             away = ndimage.distance_transform_edt(~outside)
             pieces = self.patches.pieces
-            cell = np.floor((pieces.mean(axis=1) - low) / side).astype(np.int64)
+            cell = np.floor((middles_of(pieces) - low) / side).astype(np.int64)
             seen = away[tuple(cell.T)] <= 0.6 * self.patches.side / side + 2.5
             triangles = pieces[seen] if seen.any() else pieces
         points = np.ascontiguousarray(triangles.reshape(-1, 3))
@@ -201,7 +216,7 @@ class LinkSolid:
         behind it, such as one of a sheet, has its middle and depth 0.
         """
         first = self.patches.pieces[self.patches.starts[:-1] // 3]
-        middles = first.mean(axis=1)
+        middles = middles_of(first)
         normals = np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0])
         normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-300)[:, None]
         centers, depths = middles.copy(), np.zeros(len(middles))
