@@ -1,9 +1,9 @@
 """Kernels of covers: which capsule or ball needs how much to hold which patch of a surface.
 
-A capsule with axis from `a` to `b` whose points are all `depth` or deeper in a solid sticks out of it
-by at most its radius minus that depth (a ball is a capsule with a = b). So the protrusion that a
-capsule needs to hold a patch is the largest distance of the patch's corners from the axis, minus the
-depth: one number for each pair, and covering a surface becomes choosing columns of a matrix.
+A capsule with axis from `a` to `b` whose points are all `depth` or deeper in a solid sticks out of
+it by at most its radius minus that depth (a ball is a capsule with a = b). So the protrusion that a
+capsule needs to hold a patch is the largest distance of the patch's corners from the axis, minus
+the depth: one number for each pair, and covering a surface becomes choosing columns of a matrix.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def mark_voxels(triangles, low, side, out_wall):
             for axis in range(3):
                 square += (triangles[t, k, axis] - triangles[t, k - 1, axis]) ** 2
             longest = max(longest, square)
-        parts = max(int(math.ceil(math.sqrt(longest) / (0.5 * side))), 1)
+        parts = max(math.ceil(math.sqrt(longest) / (0.5 * side)), 1)
         for i in range(parts + 1):
             for j in range(parts + 1 - i):
                 u, v = i / parts, j / parts
@@ -46,8 +46,8 @@ def mark_voxels(triangles, low, side, out_wall):
 def fill_needs(begin, end, corners, starts, axes, depths, out_needs):
     """Fill the protrusion that each capsule needs to hold each patch, rows `begin` to `end`.
 
-    Patch i has the corners `starts[i]` to `starts[i + 1]` of `corners` (c, 3); capsule j has the axis
-    `axes[j]` (6,) and the depth `depths[j]`. `out_needs` is (n, m) float32.
+    Patch i has the corners `starts[i]` to `starts[i + 1]` of `corners` (c, 3); capsule j has the
+    axis `axes[j]` (6,) and the depth `depths[j]`. `out_needs` is (n, m) float32.
     """
     for i in range(begin, end):
         for j in range(len(axes)):
@@ -104,9 +104,9 @@ def choose_columns(needs, limits, most, counts, out_columns, out_owners):
 def improve_columns(needs, rounds, largest, columns, owners, out_needed):
     """Give each patch to the column that needs least for it, and replace columns by better ones.
 
-    Lloyd's algorithm over the columns of `needs` (n, m). `columns` (k,) and `owners` (n,) are changed;
-    `largest` (k, m) receives scratch values; `out_needed` (k,) the protrusion of each, -1 where it
-    holds nothing. Returns the largest of them.
+    Lloyd's algorithm over the columns of `needs` (n, m). `columns` (k,) and `owners` (n,) are
+    changed; `largest` (k, m) receives scratch values; `out_needed` (k,) the protrusion of each, -1
+    where it holds nothing. Returns the largest of them.
     """
     n, m = needs.shape
     k = len(columns)
@@ -140,7 +140,7 @@ def improve_columns(needs, rounds, largest, columns, owners, out_needed):
 
 @kernel
 def fill_radii(corners, owners, axes, out_radii):
-    """Enlarge `out_radii` (k,) until each corner (c, 3) is within that of its owner's axis (k, 6)."""
+    """Enlarge `out_radii` (k,) until each corner (c, 3) is within that of its owner's axis."""
     for i in range(len(corners)):
         axis = axes[owners[i]]
         x, y, z = corners[i, 0] - axis[0], corners[i, 1] - axis[1], corners[i, 2] - axis[2]

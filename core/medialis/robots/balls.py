@@ -58,7 +58,7 @@ from medialis.shape.shape import Shape
 PATCHES = 500
 """Patches of the surface of each link, about, where there are few balls for each."""
 
-PATCHES_PER_BALL = 60
+PATCHES_PER_BALL = 40
 """Patches for each ball that a link gets on average."""
 
 MOST_NUMBERS = 1 << 27
@@ -84,9 +84,9 @@ class RobotBalls(Described):
     figures : dict of float
         How good they are, lengths in metres: `coverage`, the share of the surface that lies in
         balls; `protrusion_mean`, `protrusion_p95` and `protrusion_max`, how far the boundary of the
-        balls lies outside; `surface_gap` and `largest_uncovered_gap`, how far the surface lies outside of the
-        balls, on average and at most; `volume_ratio`, the volume of the balls over that of the
-        links.
+        balls lies outside; `surface_gap` and `largest_uncovered_gap`, how far the surface lies
+        outside of the balls, on average and at most; `volume_ratio`, the volume of the balls over
+        that of the links.
     urdf : str
         The file that they are of.
     protrusions : dict of float
@@ -97,7 +97,7 @@ class RobotBalls(Described):
     """
 
     name: str
-    links: Mapping[str, BallCover] | Mapping[str, CapsuleCover]
+    links: Mapping[str, BallCover | CapsuleCover]
     figures: Mapping[str, float]
     urdf: str
     protrusions: Mapping[str, float] = field(default_factory=dict)
@@ -153,7 +153,7 @@ class RobotBallsOptions(Options):
 def robot_balls(
     path: str | os.PathLike[str], options: RobotBallsOptions, progress: Progress
 ) -> RobotBalls:
-    """Describe the links of a robot by balls, for planners that keep clear of things.
+    """Describe the links of a robot by balls or capsules, for planners that keep clear of things.
 
     Parameters
     ----------
@@ -174,7 +174,9 @@ def robot_balls(
     FileError
         When the file or a mesh of it cannot be read.
     InvalidShapeError
-        When it is no URDF, no link has a shape, or one encloses nothing.
+        When it is no URDF, or no link has a shape.
+    InvalidOptionError
+        When `plane` is not four numbers, or is given with `capsules`.
 
     See Also
     --------
@@ -183,14 +185,14 @@ def robot_balls(
 
     Notes
     -----
-    Each link gets a ball at least: a message says so where that is more than
-    there are.
+    Each link gets at least one ball; a message reports where that is more than `balls`. Links that
+    move against each other without a joint between them get covers that do not overlap at rest,
+    where the number of balls allows it. All balls are used as long as they decrease the protrusion.
 
     Examples
     --------
     >>> import tempfile
     >>> from pathlib import Path
-from typing import Any
     >>> import medialis
     >>> box = '<collision><geometry><box size="0.1 0.2 0.3"/></geometry></collision>'
     >>> with tempfile.TemporaryDirectory() as folder:
@@ -305,7 +307,9 @@ def _shared(
         one = shares.covers[name]
         chosen = one.needs.candidates.subset(one.columns(shares.counts[name]))
         floor = shares.floors.get(name, np.inf)
-        covers[name] = refined(one.solid, chosen, clearances[name] if floor < np.inf else None, floor)
+        covers[name] = refined(
+            one.solid, chosen, clearances[name] if floor < np.inf else None, floor
+        )
         progress.update(0.5 + 0.5 * (number + 1) / len(rest))
     return {name: round_ones[name] if name in round_ones else covers[name] for name in solids}
 
@@ -314,13 +318,13 @@ def _choices(
     solid: LinkSolid, clearance: Clearance | None, capsules: bool, each: float
 ) -> LinkCovers:
     """Return the covers of a link without regard to other links; candidates have limits."""
-    axes = ball_axes(solid)
-    for joined in (False, True)[: 1 + capsules]:
-        if joined:
-            axes = capsule_axes(solid, covers, each)
-        needs = Needs.of(solid.patches, Candidates.of_axes(axes, solid, clearance))
-        covers = LinkCovers(solid, needs, needs.best())
-    return covers
+    needs = Needs.of(solid.patches, Candidates.of_axes(ball_axes(solid), solid, clearance))
+    covers = LinkCovers(solid, needs, needs.best())
+    if not capsules:
+        return covers
+    axes = capsule_axes(solid, covers, each)
+    needs = Needs.of(solid.patches, Candidates.of_axes(axes, solid, clearance))
+    return LinkCovers(solid, needs, needs.best())
 
 
 def _planes(
@@ -397,7 +401,6 @@ def write_robot_balls(path: str | os.PathLike[str], robot: RobotBalls) -> None:
     --------
     >>> import tempfile
     >>> from pathlib import Path
-from typing import Any
     >>> import medialis
     >>> ball = medialis.BallCover([[0, 0, 0.5]], [0.25], 0.0)
     >>> robot = medialis.RobotBalls("arm", {"base": ball}, {}, '<robot name="arm"/>')

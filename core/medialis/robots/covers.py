@@ -43,11 +43,17 @@ ALONG = 7
 LLOYD_ROUNDS = 8
 """Rounds of giving patches to candidates and choosing the best candidate for each lot."""
 
+SPARED = 0.5
+"""Fraction of the columns of a greedy cover that are tried to be left out, at most."""
+
 BETTER = 1e-3
 """Relative decrease of the protrusion for which a candidate is moved elsewhere."""
 
-MOVES = 200
-"""Tries to move a candidate elsewhere, for each cover."""
+MOVES = 40
+"""Tries to move a candidate elsewhere, for each cover,"""
+
+MOVED = 8
+"""and candidates that are tried each time: those that hold the fewest patches."""
 
 STEPS = (1.0, 0.5, 0.25)
 """Lengths by which ends are moved, in sides of a patch,"""
@@ -91,7 +97,6 @@ class Candidates:
             free = clearance(points.reshape(-1, 3)).reshape(depth.shape)
             limits = 0.5 * (free + depth).min(axis=1) - depths
         return cls(axes, depths, limits)
-
 
     def subset(self, rows: Index) -> Candidates:
         """Return the candidates of some rows."""
@@ -142,17 +147,37 @@ class Needs:
 
     def within(self, limits: FloatArray) -> Needs:
         """Return the same where candidates may stick out by limits (m,) at most."""
-        return Needs(self.candidates, np.where(self.values <= limits, self.values, np.float32(np.inf)))
+        return Needs(
+            self.candidates, np.where(self.values <= limits, self.values, np.float32(np.inf))
+        )
 
     def fewest(self, most: int, limits: FloatArray) -> Index | None:
         """Return columns that hold all patches within limits (m,); None where `most` do not."""
         from medialis.robots._cover_kernels import choose_columns
 
         n, m = self.values.shape
-        columns, owners = np.empty(most, np.int64), np.empty(n, np.int64)
+        room = most + int(SPARED * most)
+        columns, owners = np.empty(room, np.int64), np.empty(n, np.int64)
         scratch, small = np.empty(m, np.int64), limits.astype(np.float32)
-        count = choose_columns(self.values, small, most, scratch, columns, owners)
-        return columns[:count] if count > 0 else None
+        count = choose_columns(self.values, small, room, scratch, columns, owners)
+        if count <= 0:
+            return None
+        columns = columns[:count]
+        return columns if count <= most else self.within(limits)._thinned(columns, most)
+
+    def _thinned(self, columns: Index, most: int) -> Index | None:
+        """Leave columns out, those first that hold few patches; None where more are needed."""
+        columns, owners, _ = self.improved(columns)
+        while len(columns) > most:
+            order = np.argsort(np.bincount(owners, minlength=len(columns)), kind="stable")
+            for row in order:
+                fewer, held, needed = self.improved(np.delete(columns, row))
+                if np.isfinite(needed.max()):
+                    columns, owners = fewer, held
+                    break
+            else:
+                return None
+        return columns
 
     def best(self) -> Index:
         """Return the column that needs least for all patches, (1,)."""
@@ -179,7 +204,8 @@ class Needs:
         tries, moving = 0, len(best) > 1
         while moving and tries < MOVES:
             moving = False
-            for row in np.argsort(np.bincount(owners, minlength=len(best)), kind="stable"):
+            fewest = np.argsort(np.bincount(owners, minlength=len(best)), kind="stable")
+            for row in fewest[:MOVED]:
                 tries += 1
                 other = self.improved(self.with_another(np.delete(best, row)))
                 if other[2].max() < needed.max() * (1.0 - BETTER):

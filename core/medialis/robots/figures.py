@@ -14,7 +14,7 @@ from medialis.robots.covers import Cover, axis_distances
 from medialis.robots.link_solids import LinkSolid, spread
 
 DIRECTIONS = 100
-"""Points on the ends of a capsule, and on its side, at which it is measured how far it sticks out."""
+"""Points on the ends of a capsule, and on its side, whose distance from the link is measured."""
 
 VOLUME_POINTS = 10_000
 """Points at which volumes are estimated: up to a hundredth of the box around the cover."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from medialis.base.arrays import Index, Mask
 from medialis.base.box_tree import NearestTree
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.medial_meshes.distances import pieces_of
 from medialis.medial_meshes.sampling import Solid
 from medialis.shape.shape import Shape
@@ -30,8 +30,8 @@ TANGENT = 1e-3
 
 
 BITS = 16
-"""Corners of a patch with the same coordinates, in so many bits, count once while covers are chosen;
-radii are taken from all."""
+"""Corners of a patch with the same coordinates, in so many bits, count once while covers are
+chosen; radii are taken from all."""
 
 
 class Patches:
@@ -74,7 +74,9 @@ class Patches:
         area = 0.5 * float(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum())
         side = math.sqrt(area / count)
         small = longest_sides(triangles) <= side
-        pieces = np.concatenate([triangles[small], pieces_of(triangles[~small], side)])
+        pieces = triangles
+        if not small.all():
+            pieces = np.concatenate([triangles[small], pieces_of(triangles[~small], side)])
         return cls(pieces, np.zeros(len(pieces), np.int64), side)
 
     def halved(self) -> Patches:
@@ -126,7 +128,7 @@ def longest_sides(triangles: FloatArray) -> FloatArray:
 
 
 def middles_of(triangles: FloatArray) -> FloatArray:
-    """Return the middles of triangles (t, 3, 3); by sums, which take a third of the time of means."""
+    """Return the middles of triangles (t, 3, 3), by sums: a third of the time of means."""
     return np.asarray((triangles[:, 0] + triangles[:, 1] + triangles[:, 2]) / 3.0)
 
 
@@ -162,8 +164,9 @@ class LinkSolid:
         shape = tuple(np.ceil((high - low) / side + 1.5).astype(int))
         wall = np.zeros(shape, bool)
         mark_voxels(self.triangles, low, side, wall)
-        labels, _ = ndimage.label(~wall)
-        return low, side, np.asarray(labels == labels[0, 0, 0]), wall
+        labels: IntArray = ndimage.label(~wall)[0]
+        outside: Mask = np.equal(labels, labels[0, 0, 0])
+        return low, side, outside, wall
 
     @cached_property
     def _is_one_body(self) -> bool:
@@ -173,10 +176,11 @@ class LinkSolid:
     def _encloses(self, points: FloatArray) -> Mask:
         """Return which points (q, 3) are in voxels that nothing from outside reaches."""
         low, side, outside, wall = self._voxels
+        enclosed = np.asarray(~(outside | wall))
         cell = np.floor((points - low) / side).astype(np.int64)
-        within = ((cell >= 0) & (cell < outside.shape)).all(axis=1)
+        within: Mask = np.asarray(((cell >= 0) & (cell < outside.shape)).all(axis=1))
         rows = tuple(np.where(within[:, None], cell, 0).T)
-        return np.asarray(within & ~outside[rows] & ~wall[rows])
+        return np.asarray(within & enclosed[rows])
 
     @cached_property
     def _tree(self) -> NearestTree:
@@ -192,7 +196,9 @@ class LinkSolid:
             seen = away[tuple(cell.T)] <= 0.6 * self.patches.side / side + 2.5
             triangles = pieces[seen] if seen.any() else pieces
         points = np.ascontiguousarray(triangles.reshape(-1, 3))
-        return NearestTree.of_triangles(points, np.arange(len(points), dtype=np.int32).reshape(-1, 3))
+        return NearestTree.of_triangles(
+            points, np.arange(len(points), dtype=np.int32).reshape(-1, 3)
+        )
 
     def contains(self, points: FloatArray) -> Mask:
         """Return which points (q, 3) are inside."""

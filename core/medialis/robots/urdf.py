@@ -185,8 +185,7 @@ def joints_of(root: ElementTree.Element) -> list[Joint]:
     found = []
     for one in root.findall("joint"):
         parent, child = (
-            "" if end is None else end.get("link", "")
-            for end in map(one.find, ("parent", "child"))
+            "" if end is None else end.get("link", "") for end in map(one.find, ("parent", "child"))
         )
         axis, limit = one.find("axis"), one.find("limit")
         vector = _numbers("1 0 0" if axis is None else axis.get("xyz", "1 0 0"), 3)
@@ -235,7 +234,7 @@ def rest_frames(
 
 
 def separate_pairs(root: ElementTree.Element) -> Callable[[str, str], bool]:
-    """Return a function that says whether two links move against each other without a joint between.
+    """Return a function that tests whether two links move against each other without a joint.
 
     Links that fixed joints connect are one body; bodies that a joint connects are neighbours. Of
     links that no joints connect at all it is not known where they are.
@@ -317,11 +316,14 @@ def _sphere(radius: float) -> tuple[Any, Any]:
     return _revolved(radius * np.sin(up), -radius * np.cos(up), (-radius, radius))
 
 
-def _revolved(radii: FloatArray, heights: FloatArray, poles: tuple[float, float]) -> tuple[Any, Any]:
+def _revolved(
+    radii: FloatArray, heights: FloatArray, poles: tuple[float, float]
+) -> tuple[Any, Any]:
     """Return points and faces of rings about the z axis, closed by two poles; faces are outward."""
     turn = 2.0 * np.pi * np.arange(SIDES) / SIDES
     rings = np.empty((len(radii), SIDES, 3))
-    rings[..., 0], rings[..., 1] = np.multiply.outer(radii, (np.cos(turn), np.sin(turn))).swapaxes(0, 1)
+    rings[..., 0] = np.multiply.outer(radii, np.cos(turn))
+    rings[..., 1] = np.multiply.outer(radii, np.sin(turn))
     rings[..., 2] = heights[:, None]
     points = np.concatenate([rings.reshape(-1, 3), [[0.0, 0.0, pole] for pole in poles]])
     row = np.arange(len(radii) * SIDES).reshape(-1, SIDES)
