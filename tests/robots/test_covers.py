@@ -194,6 +194,26 @@ def test_an_open_sheet_is_held(tmp_path, capsules):
 
 
 @pytest.mark.slow
+def test_a_bowl_is_not_taken_as_full(tmp_path):
+    """One ball seemed to fit a bowl and stuck out through its opening by the radius (fixed)."""
+    up, turn = np.linspace(0.0, 0.5 * np.pi, 9)[1:], 2 * np.pi * np.arange(24) / 24
+    ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1)
+    rings = np.sin(up)[:, None, None] * ring - np.cos(up)[:, None, None] * [0.0, 0.0, 1.0]
+    points = 0.1 * np.concatenate([rings.reshape(-1, 3), [[0.0, 0.0, -1.0]]])
+    row = np.arange(192).reshape(8, 24)
+    after = np.roll(row, -1, axis=1)
+    faces = [np.stack([after[0], row[0], np.full(24, 192)], axis=1)]
+    faces += [np.stack([row[:-1], after[:-1], after[1:]], axis=2).reshape(-1, 3)]
+    faces += [np.stack([row[:-1], after[1:], row[1:]], axis=2).reshape(-1, 3)]
+    medialis.write_mesh(tmp_path / "bowl.ply", medialis.make_shape(points, np.concatenate(faces)))
+    path = robot(tmp_path, [("bowl", '<mesh filename="bowl.ply"/>')])
+    found = medialis.robot_balls(path, balls=16)
+    assert farthest_outside(path, "bowl", found.links["bowl"]) <= 0.0
+    # Sixteen even caps of a half sphere of 100 mm have radii of 39 mm; 1.5 times as much is allowed.
+    assert found.protrusions["bowl"] <= 0.06
+
+
+@pytest.mark.slow
 def test_balls_that_do_not_cover_are_off_by_half_on_either_side(tmp_path):
     path = robot(tmp_path, [("rod", box(0.2, 0.02, 0.02))])
     covers = medialis.robot_balls(path, balls=6)

@@ -1,7 +1,7 @@
 """Robots: simple shapes for planners and simulators, in the place of meshes.
 
-In: the path of a URDF file with its meshes. Out: `RobotBalls`, the balls or capsules of each link in
-its frame, and files of them (YAML of cuRobo, SRDF, URDF, MuJoCo, JSON). Or in: a shape; out:
+In: the path of a URDF file with its meshes. Out: `RobotBalls`, the balls or capsules of each link
+in its frame, and files of them (YAML of cuRobo, SRDF, URDF, MuJoCo, JSON). Or in: a shape; out:
 `ConvexPieces`, few convex meshes that hold it and leave its holes open, and files for physics
 engines.
 

@@ -173,14 +173,13 @@ class LinkSolid:
         """True when the triangles alone say what is inside: a closed mesh of one piece."""
         return self.solid.whole and bool((self.shape.components == 0).all())
 
-    def _encloses(self, points: FloatArray) -> Mask:
-        """Return which points (q, 3) are in voxels that nothing from outside reaches."""
+    def _voxels_of(self, points: FloatArray) -> tuple[Mask, Mask]:
+        """Return which points (q, 3) are in voxels outside, and in voxels on the surface."""
         low, side, outside, wall = self._voxels
-        enclosed = np.asarray(~(outside | wall))
         cell = np.floor((points - low) / side).astype(np.int64)
         within: Mask = np.asarray(((cell >= 0) & (cell < outside.shape)).all(axis=1))
         rows = tuple(np.where(within[:, None], cell, 0).T)
-        return np.asarray(within & enclosed[rows])
+        return np.where(within, np.asarray(outside)[rows], True), within & np.asarray(wall)[rows]
 
     @cached_property
     def _tree(self) -> NearestTree:
@@ -203,7 +202,12 @@ class LinkSolid:
     def contains(self, points: FloatArray) -> Mask:
         """Return which points (q, 3) are inside."""
         inside = self.solid.contains(points)
-        return inside if self._is_one_body else inside | self._encloses(points)
+        if self._is_one_body:
+            return inside
+        outside, on_wall = self._voxels_of(points)
+        if not self.solid.whole:  # rays of open meshes tell sides only near their triangles
+            inside = inside & ~outside
+        return inside | ~(outside | on_wall)
 
     def distances(self, points: FloatArray) -> FloatArray:
         """Return the distance of points (q, 3) from the outer surface."""
