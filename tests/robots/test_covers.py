@@ -209,7 +209,7 @@ def test_a_bowl_is_not_taken_as_full(tmp_path):
     path = robot(tmp_path, [("bowl", '<mesh filename="bowl.ply"/>')])
     found = medialis.robot_balls(path, balls=16)
     assert farthest_outside(path, "bowl", found.links["bowl"]) <= 0.0
-    # Sixteen even caps of a half sphere of 100 mm have radii of 39 mm; 1.5 times as much is allowed.
+    # Sixteen even caps of a half sphere of 100 mm have radii of 39 mm; 1.5 times that is allowed.
     assert found.protrusions["bowl"] <= 0.06
 
 
