@@ -21,7 +21,8 @@ Balls and skeletons:
 Medial meshes:
     medial_mesh, MedialMesh, envelope_distance, EnvelopeDistance, envelope_surface,
     values_on_balls, important_mesh, read_ma, write_ma, ball_cover, BallCover, write_ball_cover,
-    robot_balls, RobotBalls, write_robot_balls, convex_pieces, ConvexPieces
+    robot_balls, RobotBalls, CapsuleCover, LinkOverlap, write_robot_balls, convex_pieces,
+    ConvexPieces
 Measures:
     geodesic_importance, Importance, connected_importance, important_points, local_measures,
     geodesic, Geodesic, geodesics, geodesic_lengths, GeodesicPaths, PathStatus, thickness,

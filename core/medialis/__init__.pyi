@@ -90,8 +90,10 @@ from medialis.rigging.bones import skin_weights as skin_weights
 from medialis.robots.balls import RobotBalls as RobotBalls
 from medialis.robots.balls import robot_balls as robot_balls
 from medialis.robots.balls import write_robot_balls as write_robot_balls
+from medialis.robots.clearances import LinkOverlap as LinkOverlap
 from medialis.robots.convex_pieces import ConvexPieces as ConvexPieces
 from medialis.robots.convex_pieces import convex_pieces as convex_pieces
+from medialis.robots.covers import CapsuleCover as CapsuleCover
 from medialis.segments.mean_shift import MeanShift as MeanShift
 from medialis.segments.mean_shift import mean_shift as mean_shift
 from medialis.segments.mean_shift import mean_shift_segments as mean_shift_segments

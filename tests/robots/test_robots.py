@@ -9,8 +9,8 @@ import pytest
 import medialis
 from medialis.base.progress import Progress
 from medialis.cli import main
-from medialis.robots.balls import _few, write_robot_balls
-from medialis.robots.urdf import fixed_frames, link_shapes, robot_of
+from medialis.robots.balls import write_robot_balls
+from medialis.robots.urdf import link_shapes, rest_frames, robot_of
 
 yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
 
@@ -96,12 +96,6 @@ def test_every_point_of_every_link_is_in_a_ball(arm):
 
 
 @pytest.mark.slow
-def test_a_finger_sticks_out_no_farther_than_the_base(arm):
-    """Balls go where they stick out farthest: the base, 1,500 times as large, has most of them."""
-    assert len(arm.links["base"]) > len(arm.links["finger"]) >= 1
-
-
-@pytest.mark.slow
 def test_files_are_those_of_curobo_and_moveit(arm, tmp_path):
     for ending in ("yml", "srdf", "urdf", "json"):
         medialis.write_robot_balls(tmp_path / f"arm.{ending}", arm)
@@ -134,7 +128,7 @@ def test_links_that_no_joint_moves_have_frames(tmp_path):
     joints = JOINT.format("a", "fixed", "base", "finger", "1 2 3", "0 0 1.5707963267948966")
     joints += JOINT.format("b", "revolute", "finger", "moving", "0 0 0", "0 0 0")
     path.write_text(path.read_text().replace("</robot>", f"{joints}</robot>"))
-    frames = fixed_frames(robot_of(path))
+    frames = rest_frames(robot_of(path), fixed=True)
     assert set(frames) == {"base", "world", "finger"}
     turn, place = frames["finger"]
     assert turn @ [1, 0, 0] == pytest.approx([0, 1, 0]) and place.tolist() == [1, 2, 3]
@@ -185,17 +179,6 @@ def test_yourdfpy_reads_the_balls(arm, tmp_path):
         balls = [one.geometry.sphere.radius for one in links[name].collisions]
         places = [one.origin[:3, 3] for one in links[name].collisions]
         assert balls == cover.radii.tolist() and np.allclose(places, cover.centers, atol=1e-15)
-
-
-def test_a_dirty_link_needs_no_ball_for_each_speck():
-    """Slits and specks of one link of an open arm took 92 of 100 balls."""
-    rows = np.array(
-        [[0, 0, 0, 1], [1, 0, 0, 0.9], [0, 5, 0, 0.1], [0.5, 0, 0, 0.5], [9, 0, 0, 0.1]]
-    )
-    mesh = medialis.MedialMesh(rows[:, :3], rows[:, 3], [], [])
-    assert mesh.fewest == 5  # none is joined to another
-    assert _few(mesh, 3).centers.tolist() == [[0, 0, 0], [9, 0, 0], [0, 5, 0]]
-    assert len(_few(mesh, 5)) == 5
 
 
 @pytest.mark.parametrize(

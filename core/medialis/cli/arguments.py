@@ -369,15 +369,22 @@ def _add_robot_balls(sub: argparse.ArgumentParser) -> None:
         "--output",
         action="append",
         metavar="FILE",
-        help="ends in .yml (cuRobo), .srdf (MoveIt), .urdf (balls as collision elements) or .json; "
-        "may be given several times (default: NAME-balls.yml, here)",
+        help="ends in .yml (cuRobo), .srdf (MoveIt), .urdf (balls as collision elements), .xml "
+        "(MuJoCo) or .json; capsules in .urdf, .xml or .json; may be given several times (default: "
+        "NAME-balls.yml or NAME-capsules.xml, here)",
     )
     sub.add_argument("--balls", type=int, default=100, metavar="N", help="in all (default: 100)")
+    sub.add_argument(
+        "--capsules",
+        action="store_true",
+        help="so many capsules in place of balls: fewer hold a long link as closely",
+    )
     sub.add_argument(
         "--cover",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="every point of every link lies in a ball (default), or the balls fit best",
+        help="every point of every link lies in a ball (default), or balls are smaller by half of "
+        "what they stick out",
     )
     sub.add_argument(
         "--plane",

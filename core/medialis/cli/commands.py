@@ -535,19 +535,22 @@ def write_sample(options: argparse.Namespace) -> int:
 
 def run_robot_balls(options: argparse.Namespace) -> int:
     """Compute balls for a robot, write them and say how good they are; return the exit code."""
+    from dataclasses import asdict
+
     from medialis.base.options import with_unit
     from medialis.base.progress import counted
     from medialis.base.threads import thread_limit
-    from medialis.robots.balls import ENDINGS, robot_balls, write_robot_balls
+    from medialis.robots.balls import check_ending, finite, robot_balls, write_robot_balls
 
-    files = [Path(name) for name in options.output or [f"{Path(options.file).stem}-balls.yml"]]
-    for file in files:  # at once: it takes minutes
-        if file.suffix.lower() not in ENDINGS:
-            raise InvalidOptionError(f"Balls end in {', '.join(ENDINGS)}, got {file.name!r}.")
+    default = f"{Path(options.file).stem}-" + ("capsules.xml" if options.capsules else "balls.yml")
+    files = [Path(name) for name in options.output or [default]]
+    for file in files:  # at once: it takes seconds
+        check_ending(file, options.capsules)
         if not options.overwrite:
             _refuse_existing(file)
     progress = shown_progress(options.progress)
-    given = {"balls": options.balls, "cover": options.cover, "plane": options.plane}
+    names = ("balls", "cover", "capsules", "plane")
+    given = {name: getattr(options, name) for name in names}
     with thread_limit(options.threads):
         robot = robot_balls(options.file, progress=progress, **given)
     for file in files:
@@ -556,19 +559,29 @@ def run_robot_balls(options: argparse.Namespace) -> int:
         write_robot_balls(file, robot)
     counts = {name: len(cover) for name, cover in robot.links.items()}
     if options.json:
-        files_told = [str(file) for file in files]
-        say(json.dumps({"files": files_told, "balls": counts, "figures": robot.figures}, indent=1))
+        content = {
+            "files": [str(file) for file in files],
+            "capsules" if options.capsules else "balls": counts,
+            "figures": finite(robot.figures),
+            "protrusions": dict(robot.protrusions),
+            "overlaps": [asdict(pair) for pair in robot.overlaps],
+            "unit": "m",
+        }
+        say(json.dumps(content, indent=1))
         return EXIT_OK
     for message in progress.messages:
         if message.level >= logging.WARNING or message.code == "at_plane":
             say(f"note: {message}")
-    say(f"{counted(sum(counts.values()), 'ball')} for {counted(len(counts), 'link')}")
+    kind = "capsule" if options.capsules else "ball"
+    say(f"{counted(sum(counts.values()), kind)} for {counted(len(counts), 'link')}")
     for name, count in counts.items() if options.verbose else ():
-        say(f"  {name}: {count}")
+        say(f"  {name}: {count}, protrusion {with_unit(1000.0 * robot.protrusions[name], 'mm')}")
     for name, value in robot.figures.items():
         share = name in ("coverage", "volume_ratio")
         text = f"{value:.4g}" if share else with_unit(1000.0 * value, "mm")
         say(f"{name.replace('_', ' ')}: {text}")
+    for pair in robot.overlaps:
+        say(f"overlap: {pair.first}, {pair.second}: {with_unit(1000.0 * pair.depth, 'mm')}")
     for file in files:
         say(file)
     return EXIT_OK

@@ -37,8 +37,9 @@ CALM_DEVIATIONS = (-1.2816, -0.2533)
 MAX_DEVIATIONS = 4.0
 """Deviations of the logarithm of the ratio above its mean, from which on a point is an outlier."""
 
-MIN_RATIO = 2.0
-"""Ratio of spacings of an outlier, at least. At an end of a wire the spacing is doubled."""
+MIN_RATIO = 2.25
+"""Ratio of spacings of an outlier, at least. At an end of a wire of evenly spaced points the
+spacing is doubled, and slightly more where the wire bends."""
 
 MAX_ROUNDS = 8
 """Searches; the last ones find next to nothing."""

@@ -1,67 +1,74 @@
-"""Balls for a whole robot: each link gets as many as bring its surface near, out of a given number.
+"""Balls or capsules for a whole robot: links get as many as they need, out of a given number.
 
-1. A medial mesh of each link with many balls, and its coarser levels: how far balls that cover the
-   link stick out of it on average (the volume outside over the area), for 1, 2, 4, ... balls.
-2. Balls are dealt one by one to the link whose balls stick out farthest: large links and thin ones
-   end alike, and a finger has as good balls as a torso.
-3. Each link is fitted with its number, and covered.
+1. Covers of each link by 1, 2, 3, ... balls (`covers.py`).
+2. They are shared so that links get thicker by small factors, thin ones as well as thick ones
+   (`sharing.py`), and links that must not touch do not (`clearances.py`).
+3. The cover of each link is improved, measured and written.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
-from medialis.base.arrays import Described, enclosed_volume, twice_areas
-from medialis.base.box_tree import NearestTree
+from medialis.base.arrays import Described, enclosed_volume
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.options import Options, algorithm, flag, whole
 from medialis.base.progress import Progress, counted
 from medialis.base.validation import FloatArray
 from medialis.formats.files import write_text
-from medialis.medial_meshes.distances import covering, excess_of, pieces_of
-from medialis.medial_meshes.medial_mesh import medial_mesh
-from medialis.medial_meshes.mesh import BallCover, MedialMesh
-from medialis.medial_meshes.sampling import Solid
+from medialis.medial_meshes.mesh import BallCover
+from medialis.robots.clearances import LinkOverlap, RestingLinks
+from medialis.robots.covers import (
+    Candidates,
+    CapsuleCover,
+    Clearance,
+    Cover,
+    LinkCovers,
+    Needs,
+    ball_axes,
+    capsule_axes,
+    refined,
+)
+from medialis.robots.figures import measured, summed
+from medialis.robots.link_solids import LinkSolid
+from medialis.robots.sharing import share
 from medialis.robots.urdf import (
-    fixed_frames,
+    Ends,
+    ends_of,
     link_shapes,
+    mjcf_text,
+    rest_frames,
     robot_of,
-    rows_of,
+    separate_pairs,
     srdf_text,
     urdf_text,
     yaml_text,
 )
 from medialis.shape.shape import Shape
 
-MOST_LOOKED_AT = 64
-"""Balls of a link up to which it is measured how far they stick out; more halve that with each
-doubling."""
+PATCHES = 500
+"""Patches of the surface of each link, about, where there are few balls for each."""
 
-PIECE, ROUNDS = 0.02, 6
-"""Sides of pieces that each lie in one ball, in diagonals, and rounds of giving them to balls: half
-of what a single shape gets takes an eighth of the time."""
+PATCHES_PER_BALL = 40
+"""Patches for each ball that a link gets on average."""
 
-COARSE, COARSE_ROUNDS, COARSE_PLACES = 0.05, 3, 20_000
-"""Sides of pieces in diagonals, rounds and places of covers while balls are shared."""
-
-LOOKED_AT = 0.02
-"""Diagonals: sides of the pieces of a link at whose middles gaps are measured."""
+MOST_NUMBERS = 1 << 27
+"""Entries of the tables of all links together: half a gigabyte."""
 
 ROUND = 1e-6
 """A shape all of whose points are equally far from its middle, up to this share, is a sphere,"""
 
 FULL = 0.9
 """where it has this share of the volume."""
-
-DIRECTIONS = 200
-"""Points of a ball at which it is measured how far it sticks out."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,28 +79,40 @@ class RobotBalls(Described):
     ----------
     name : str
         Of the robot.
-    links : dict of BallCover
-        The balls of each link that has a shape, in its frame, in metres.
+    links : dict of BallCover, or of CapsuleCover
+        The balls or capsules of each link that has a shape, in its frame, in metres.
     figures : dict of float
         How good they are, lengths in metres: `coverage`, the share of the surface that lies in
-        balls; `protrusion_mean` and `protrusion_p95`, how far the boundary of the balls lies
-        outside; `surface_gap` and `largest_uncovered_gap`, how far the surface lies outside of the
-        balls, on average and at most; `volume_ratio`, the volume of the balls over that of the
-        links.
+        balls; `protrusion_mean`, `protrusion_p95` and `protrusion_max`, how far the boundary of the
+        balls lies outside; `surface_gap` and `largest_uncovered_gap`, how far the surface lies
+        outside of the balls, on average and at most; `volume_ratio`, the volume of the balls over
+        that of the links.
     urdf : str
         The file that they are of.
+    protrusions : dict of float
+        Of each link: how far its balls stick out, at most, in metres.
+    overlaps : tuple of LinkOverlap
+        Links that move against each other without a joint between them, and whose balls overlap at
+        rest though the links do not; the deepest first.
     """
 
     name: str
-    links: Mapping[str, BallCover]
+    links: Mapping[str, BallCover | CapsuleCover]
     figures: Mapping[str, float]
     urdf: str
+    protrusions: Mapping[str, float] = field(default_factory=dict)
+    overlaps: tuple[LinkOverlap, ...] = ()
+
+    @property
+    def has_capsules(self) -> bool:
+        """True when links have capsules rather than balls."""
+        return any(isinstance(cover, CapsuleCover) for cover in self.links.values())
 
     def __repr__(self) -> str:
         count = sum(map(len, self.links.values()))
-        ratio = self.figures["volume_ratio"]
+        ratio, kind = self.figures["volume_ratio"], "capsules" if self.has_capsules else "balls"
         return (
-            f"RobotBalls({self.name}, {count} balls, {len(self.links)} links, volume {ratio:.3g})"
+            f"RobotBalls({self.name}, {count} {kind}, {len(self.links)} links, volume {ratio:.3g})"
         )
 
 
@@ -107,8 +126,11 @@ class RobotBallsOptions(Options):
     cover: bool = flag(
         True,
         "Cover",
-        "Move and enlarge the balls until every point of every link lies in one; else they fit "
-        "best.",
+        "Every point of every link lies in a ball; else balls are smaller by half of what they "
+        "stick out, so that neither side is off by more.",
+    )
+    capsules: bool = flag(
+        False, "Capsules", "Use capsules in place of balls: fewer hold a long link as closely."
     )
     plane: Sequence[float] | None = None
 
@@ -131,7 +153,7 @@ class RobotBallsOptions(Options):
 def robot_balls(
     path: str | os.PathLike[str], options: RobotBallsOptions, progress: Progress
 ) -> RobotBalls:
-    """Describe the links of a robot by balls, for planners that keep clear of things.
+    """Describe the links of a robot by balls or capsules, for planners that keep clear of things.
 
     Parameters
     ----------
@@ -152,7 +174,9 @@ def robot_balls(
     FileError
         When the file or a mesh of it cannot be read.
     InvalidShapeError
-        When it is no URDF, no link has a shape, or one encloses nothing.
+        When it is no URDF, or no link has a shape.
+    InvalidOptionError
+        When `plane` is not four numbers, or is given with `capsules`.
 
     See Also
     --------
@@ -161,8 +185,9 @@ def robot_balls(
 
     Notes
     -----
-    Each link gets a ball at least: a message says so where that is more than
-    there are.
+    Each link gets at least one ball; a message reports where that is more than `balls`. Links that
+    move against each other without a joint between them get covers that do not overlap at rest,
+    where the number of balls allows it. All balls are used as long as they decrease the protrusion.
 
     Examples
     --------
@@ -177,70 +202,129 @@ def robot_balls(
     >>> list(robot.links), len(robot.links["base"]) <= 12, robot.figures["coverage"]
     (['base'], True, 1.0)
     """
+    if options.capsules and options.plane is not None:
+        raise InvalidOptionError("plane works with balls, not with capsules.")
     root = robot_of(path)
     with progress.stage("read", 0.0, 0.1):
         shapes = link_shapes(path, root, progress)
     if not shapes:
         raise InvalidShapeError(f"No link of {os.fspath(path)} has a shape.")
-    round_ones = {name: ball for name, shape in shapes.items() if (ball := _sphere(shape))}
-    with progress.stage("share", 0.1, 0.5):
-        counts = _shared(shapes, round_ones, options, progress)
-    links: dict[str, BallCover] = {}
-    measured, planes = [], _planes(root, options.plane)
-    with progress.stage("fit", 0.5, 1.0):
-        for number, (name, shape) in enumerate(shapes.items()):
-            cover = round_ones.get(name) or _balls_of(
-                _few(_mesh(name, shape, counts[name], progress.still), counts[name]), shape, options
+    with progress.stage("examine", 0.1, 0.3):
+        solids = _solids(shapes, options.balls, progress)
+    resting = RestingLinks(solids, rest_frames(root), separate_pairs(root))
+    with progress.stage("share", 0.3, 0.7):
+        covers = _shared(solids, resting, options, progress)
+    links: dict[str, BallCover | CapsuleCover] = {}
+    found, planes = [], _planes(root, options.plane)
+    with progress.stage("measure", 0.7, 1.0):
+        for number, (name, solid) in enumerate(solids.items()):
+            cover = covers[name] if options.cover else covers[name].balanced()
+            if name in planes:
+                cover = _above(cover, planes[name], progress)
+            covers[name] = cover
+            figures = measured(cover, solid)
+            found.append(figures)
+            first, second = cover.axes[:, :3], cover.axes[:, 3:]
+            links[name] = (
+                CapsuleCover(first, second, cover.radii, figures.excess)
+                if options.capsules
+                else BallCover(first, cover.radii, figures.excess)
             )
-            links[name] = _above(cover, shape, planes[name], progress) if name in planes else cover
-            measured.append(_measured(links[name], shape))
             progress.update((number + 1) / len(shapes))
+    overlaps = resting.overlaps(covers)
+    _note_overlaps(overlaps, progress)
     urdf = ElementTree.tostring(root, encoding="unicode")
-    return RobotBalls(root.get("name", "robot"), links, _figures(measured), urdf)
+    protrusions = {
+        name: float(one.out.max(initial=0.0)) for name, one in zip(solids, found, strict=True)
+    }
+    name = root.get("name", "robot")
+    return RobotBalls(name, links, summed(found), urdf, protrusions, overlaps)
 
 
-def _sphere(shape: Shape) -> BallCover | None:
+def _note_overlaps(overlaps: Sequence[LinkOverlap], progress: Progress) -> None:
+    if overlaps:
+        worst = overlaps[0]
+        text = (
+            f"{counted(len(overlaps), 'pair')} of links overlap by their balls at rest though the "
+            f"links do not, {worst.first} and {worst.second} by {1000 * worst.depth:.3g} mm: more "
+            "balls keep them apart."
+        )
+        progress.warn(text, "links_overlap", pairs=len(overlaps), depth=worst.depth)
+
+
+def _solids(shapes: Mapping[str, Shape], balls: int, progress: Progress) -> dict[str, LinkSolid]:
+    """Cut the surface of each link into patches, and find its medial balls."""
+    each = max(PATCHES, PATCHES_PER_BALL * balls // len(shapes))
+    patches = min(each, math.isqrt(MOST_NUMBERS // len(shapes)))
+    solids = {}
+    for number, (name, shape) in enumerate(shapes.items()):
+        solids[name] = LinkSolid(shape, patches)
+        _ = solids[name].medial_balls
+        progress.update((number + 1) / len(shapes))
+    return solids
+
+
+def _sphere(shape: Shape) -> Cover | None:
     """Return the ball of a link that is one."""
     middle = shape.points.mean(axis=0)
     away = np.linalg.norm(shape.points - middle, axis=1)
+    assert shape.faces is not None
     # The corners of a box are equally far from its middle, too.
-    if np.ptp(away) > ROUND * away.max() or _volume(shape) < FULL * 4 / 3 * np.pi * away.max() ** 3:
+    volume = enclosed_volume(shape.points, shape.faces)
+    if np.ptp(away) > ROUND * away.max() or volume < FULL * 4 / 3 * np.pi * away.max() ** 3:
         return None
-    return BallCover(middle[None], np.array([away.max()]), 0.0)
+    radius = np.array([away.max()])
+    return Cover(np.tile(middle, 2)[None], radius, radius)
 
 
-def _mesh(name: str, shape: Shape, balls: int, progress: Progress) -> MedialMesh:
-    try:
-        return medial_mesh(shape, balls=balls, quality="fast", denoise="off", progress=progress)
-    except InvalidShapeError as error:
-        raise InvalidShapeError(f"Link {name}: {error}") from error
+def _shared(
+    solids: Mapping[str, LinkSolid],
+    resting: RestingLinks,
+    options: RobotBallsOptions,
+    progress: Progress,
+) -> dict[str, Cover]:
+    """Return the cover of each link by its share of the balls."""
+    round_ones = {name: ball for name, one in solids.items() if (ball := _sphere(one.shape))}
+    total = options.balls - len(round_ones)
+    rest = [name for name in solids if name not in round_ones]
+    if len(solids) > options.balls:
+        text = f"{len(solids)} balls are used, not {options.balls}: one for each link."
+        progress.warn(text, "more_balls", balls=len(solids), of=options.balls)
+    free, limits, clearances = {}, {}, {}
+    for number, name in enumerate(rest):
+        clearances[name] = resting.clearance(name)
+        free[name] = _choices(
+            solids[name], clearances[name], options.capsules, options.balls / len(solids)
+        )
+        allowed = free[name].needs.candidates.limits
+        if allowed.min() < free[name].protrusion(1):
+            limits[name] = allowed
+        progress.update(0.5 * (number + 1) / len(rest))
+    gaps = [gap for gap in resting.gaps.values() if gap < np.inf]
+    shares = share(free, limits, gaps, max(total, len(rest)), progress.still)
+    covers = {}
+    for number, name in enumerate(rest):
+        one = shares.covers[name]
+        chosen = one.needs.candidates.subset(one.columns(shares.counts[name]))
+        floor = shares.floors.get(name, np.inf)
+        covers[name] = refined(
+            one.solid, chosen, clearances[name] if floor < np.inf else None, floor
+        )
+        progress.update(0.5 + 0.5 * (number + 1) / len(rest))
+    return {name: round_ones[name] if name in round_ones else covers[name] for name in solids}
 
 
-def _few(mesh: MedialMesh, count: int) -> MedialMesh:
-    """Return so many balls, also where the topology needs more: those that are farthest apart.
-
-    Meshes of links have specks, slits and inner walls, each a part or a handle that needs balls.
-    """
-    if count >= mesh.fewest:
-        return mesh.level(count)
-    mesh = mesh.level(mesh.fewest)
-    chosen = [int(mesh.radii.argmax())]
-    out = np.full(len(mesh), np.inf)
-    while len(chosen) < count:
-        last = chosen[-1]
-        away = np.linalg.norm(mesh.centers - mesh.centers[last], axis=1) - mesh.radii[last]
-        out = np.minimum(out, away + mesh.radii)  # how far each sticks out of those chosen
-        chosen.append(int(out.argmax()))
-    rows = np.column_stack([mesh.centers, mesh.radii])[chosen]
-    none = np.empty((0, 3), np.int64)
-    return MedialMesh.of_rows(rows, none[:, :2], none)
-
-
-def _balls_of(mesh: MedialMesh, shape: Shape, options: RobotBallsOptions) -> BallCover:
-    centers, radii = mesh.centers, mesh.radii
-    if options.cover:
-        centers, radii = covering(mesh, shape, PIECE, ROUNDS)
-    return BallCover(centers, radii, excess_of(shape, centers, radii))
+def _choices(
+    solid: LinkSolid, clearance: Clearance | None, capsules: bool, each: float
+) -> LinkCovers:
+    """Return the covers of a link without regard to other links; candidates have limits."""
+    needs = Needs.of(solid.patches, Candidates.of_axes(ball_axes(solid), solid, clearance))
+    covers = LinkCovers(solid, needs, needs.best())
+    if not capsules:
+        return covers
+    axes = capsule_axes(solid, covers, each)
+    needs = Needs.of(solid.patches, Candidates.of_axes(axes, solid, clearance))
+    return LinkCovers(solid, needs, needs.best())
 
 
 def _planes(
@@ -252,141 +336,54 @@ def _planes(
     normal = np.array(plane[:3])
     return {
         name: (normal @ turn, plane[3] - float(normal @ place))
-        for name, (turn, place) in fixed_frames(root).items()
+        for name, (turn, place) in rest_frames(root, fixed=True).items()
     }
 
 
-def _above(
-    cover: BallCover, shape: Shape, plane: tuple[FloatArray, float], progress: Progress
-) -> BallCover:
+def _above(cover: Cover, plane: tuple[FloatArray, float], progress: Progress) -> Cover:
     """Put the largest ball that touches a plane in the place of one that crosses it.
 
     It lies in that one and touches it where that is farthest from the plane.
     """
     normal, distance = plane
-    height = cover.centers @ normal - distance
+    centers = cover.axes[:, :3]
+    height = centers @ normal - distance
     crossing = height < cover.radii
     if not crossing.any():
         return cover
     radii = np.where(crossing, 0.5 * (height + cover.radii), cover.radii)
-    centers = cover.centers + np.where(crossing, radii - height, 0.0)[:, None] * normal
+    centers = centers + np.where(crossing, radii - height, 0.0)[:, None] * normal
     kept = radii > 0.0
     text = f"{counted(int(crossing.sum()), 'ball')} at the plane were made smaller or left out."
     progress.note(text, "at_plane", balls=int(crossing.sum()), left_out=int((~kept).sum()))
     centers, radii = centers[kept], radii[kept] * (1.0 - 1e-12)
-    return BallCover(centers, radii, excess_of(shape, centers, radii))
+    return Cover(np.concatenate([centers, centers], axis=1), radii, cover.depths[kept])
 
 
-def _shared(
-    shapes: Mapping[str, Shape],
-    round_ones: Mapping[str, BallCover],
-    options: RobotBallsOptions,
-    progress: Progress,
-) -> dict[str, int]:
-    """Return how many balls each link gets."""
-    levels, counts = {}, {}
-    for number, (name, shape) in enumerate(shapes.items()):
-        if name in round_ones:
-            levels[name], counts[name] = (np.ones(1), np.zeros(1)), 1
-            continue
-        most = min(MOST_LOOKED_AT, options.balls)
-        mesh = _mesh(name, shape, most, progress.still).with_levels()
-        sizes = sorted({min(1 << k, len(mesh), most) for k in range(7)})
-        told = [_sticking_out(_few(mesh, size), shape) for size in sizes]
-        levels[name] = np.array(sizes, float), np.minimum.accumulate(told)
-        counts[name] = sizes[0]
-        progress.update((number + 1) / len(shapes))
-    if sum(counts.values()) > options.balls:
-        need = sum(counts.values())
-        text = f"{need} balls are used, not {options.balls}: one for each link."
-        progress.warn(text, "more_balls", balls=need, of=options.balls)
-    while sum(counts.values()) < options.balls:
-        worst = max(counts, key=lambda name: _expected(*levels[name], counts[name]))
-        if not levels[worst][1].any():  # all are spheres
-            break
-        counts[worst] += 1
-    return counts
+ENDINGS = (".yml", ".yaml", ".srdf", ".urdf", ".xml", ".json")
+CAPSULE_ENDINGS = (".urdf", ".xml", ".json")
+"""Of files that can hold capsules."""
 
 
-def _sticking_out(mesh: MedialMesh, shape: Shape) -> float:
-    """Return the volume outside of balls that cover a shape, over its area."""
-    centers, radii = covering(mesh, shape, COARSE, COARSE_ROUNDS)
-    return excess_of(shape, centers, radii, COARSE_PLACES) * _volume(shape) / shape.area
-
-
-def _volume(shape: Shape) -> float:
-    assert shape.faces is not None
-    return enclosed_volume(shape.points, shape.faces)
-
-
-def _expected(sizes: FloatArray, told: FloatArray, count: int) -> float:
-    if count > sizes[-1]:
-        return float(told[-1] * sizes[-1] / count)
-    return float(np.exp(np.interp(np.log(count), np.log(sizes), np.log(np.maximum(told, 1e-300)))))
-
-
-def _measured(cover: BallCover, shape: Shape) -> dict[str, FloatArray]:
-    """Return distances of the surface from the balls, and of their boundary from it, weighted."""
-    assert shape.faces is not None
-    pieces = pieces_of(shape.points[shape.faces], LOOKED_AT * shape.diagonal)
-    corners = np.arange(3 * len(pieces)).reshape(-1, 3)
-    weights = twice_areas(pieces.reshape(-1, 3), corners) / 2.0
-    balls = NearestTree.of_balls(cover.centers, cover.radii)
-    gaps = np.maximum(balls.distances(pieces.reshape(-1, 3))[0].reshape(-1, 3).max(axis=1), 0.0)
-    steps = np.arange(DIRECTIONS) + 0.5
-    up, turn = 1.0 - 2.0 * steps / DIRECTIONS, np.pi * (1.0 + 5.0**0.5) * steps
-    flat = np.sqrt(1.0 - up**2)
-    around = np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=1)
-    places = (cover.centers[:, None] + cover.radii[:, None, None] * around).reshape(-1, 3)
-    size = np.repeat(cover.radii**2, DIRECTIONS) * 4.0 * np.pi / DIRECTIONS
-    outer = balls.distances(places)[0] > -1e-6 * shape.diagonal
-    places, size = places[outer], size[outer]
-    solid = Solid(shape.points, shape.faces)
-    away = NearestTree.of_triangles(shape.points, shape.faces).distances(places)[0]
-    away[solid.contains(places)] = 0.0
-    whole = _volume(shape)
-    volumes = np.array([whole, whole * (_held(balls, shape, solid) + cover.excess)])
-    return {"gaps": gaps, "area": weights, "out": away, "size": size, "volumes": volumes}
-
-
-def _held(balls: NearestTree, shape: Shape, solid: Solid) -> float:
-    """Return the share of a solid that lies in balls."""
-    low, high = shape.bounds
-    steps = np.array([0.8191725133961645, 0.6710436067037893, 0.5497004779019703])
-    places = low + (np.arange(1, 50_001)[:, None] * steps % 1.0) * (high - low)
-    inside = places[solid.contains(places)]
-    return float((balls.distances(inside)[0] <= 0).mean()) if len(inside) else 1.0
-
-
-def _figures(measured: list[dict[str, FloatArray]]) -> dict[str, float]:
-    gaps, area, out, size = (
-        np.concatenate([one[name] for one in measured]) for name in ("gaps", "area", "out", "size")
-    )
-    whole, balls = np.sum([one["volumes"] for one in measured], axis=0)
-    order = np.argsort(out, kind="stable")
-    place = np.searchsorted(np.cumsum(size[order]), 0.95 * size.sum())
-    return {
-        "coverage": float(area[gaps <= 0.0].sum() / area.sum()),
-        "protrusion_mean": float(size @ out / size.sum()),
-        "protrusion_p95": float(out[order][min(int(place), len(out) - 1)]),
-        "surface_gap": float(area @ gaps / area.sum()),
-        "largest_uncovered_gap": float(gaps.max()),
-        "volume_ratio": float(balls / whole) if whole > 0 else float("inf"),
-    }
-
-
-ENDINGS = (".yml", ".yaml", ".srdf", ".urdf", ".json")
+def check_ending(path: Path, capsules: bool) -> None:
+    """Refuse a file whose ending says no format, or one without capsules where there are some."""
+    endings = CAPSULE_ENDINGS if capsules else ENDINGS
+    if path.suffix.lower() not in endings:
+        kind = "Capsules" if capsules else "Balls"
+        raise InvalidOptionError(f"{kind} end in {', '.join(endings)}, got {path.name!r}.")
 
 
 def write_robot_balls(path: str | os.PathLike[str], robot: RobotBalls) -> None:
-    """Write the balls of a robot, in metres.
+    """Write the balls or capsules of a robot, in metres.
 
     Parameters
     ----------
     path : path
         Ends in .yml or .yaml (``collision_spheres`` as cuRobo reads them), .srdf
-        (``link_sphere_approximation``), .urdf (the robot with balls as its collision elements) or
-        .json (with the figures).
+        (``link_sphere_approximation``), .urdf (the robot with balls as its collision elements; a
+        cylinder and two spheres for each capsule), .xml (a MuJoCo model with the joints and masses
+        of the robot, and geoms of type sphere or capsule) or .json (with the figures). Capsules can
+        be in the last three.
     robot : RobotBalls
 
     Raises
@@ -413,20 +410,39 @@ def write_robot_balls(path: str | os.PathLike[str], robot: RobotBalls) -> None:
         - "center": [0.0, 0.0, 0.5]
     """
     name = Path(path)
-    ending = name.suffix.lower()
-    if ending not in ENDINGS:
-        raise InvalidOptionError(f"Balls end in {', '.join(ENDINGS)}, got {name.name!r}.")
+    check_ending(name, robot.has_capsules)
+    ending, balls = name.suffix.lower(), _balls_of(robot)
     if ending == ".json":
-        spheres = {
-            link: [{"center": row[:3], "radius": row[3]} for row in rows_of(cover)]
-            for link, cover in robot.links.items()
+        content = {
+            "robot": robot.name,
+            "unit": "m",
+            "links": {link: [*map(_row_of, ends_of(cover))] for link, cover in robot.links.items()},
+            "figures": finite(robot.figures),
+            "protrusions": dict(robot.protrusions),
+            "overlaps": [asdict(pair) for pair in robot.overlaps],
         }
-        content = {"robot": robot.name, "unit": "m", "links": spheres, "figures": robot.figures}
         text = json.dumps(content, indent=1) + "\n"
     elif ending == ".srdf":
-        text = srdf_text(robot.name, robot.links)
+        text = srdf_text(robot.name, balls)
     elif ending == ".urdf":
         text = urdf_text(robot.urdf, robot.links)
+    elif ending == ".xml":
+        text = mjcf_text(robot.urdf, robot.links)
     else:
-        text = yaml_text(robot.name, robot.links)
+        text = yaml_text(robot.name, balls)
     write_text(name, text)
+
+
+def _balls_of(robot: RobotBalls) -> dict[str, BallCover]:
+    return {link: one for link, one in robot.links.items() if isinstance(one, BallCover)}
+
+
+def _row_of(part: Ends) -> dict[str, Any]:
+    if part.length == 0.0:
+        return {"center": part.start.tolist(), "radius": part.radius}
+    return {"start": part.start.tolist(), "end": part.end.tolist(), "radius": part.radius}
+
+
+def finite(figures: Mapping[str, float]) -> dict[str, float | None]:
+    """Return figures for JSON: None for those that are not defined."""
+    return {name: value if math.isfinite(value) else None for name, value in figures.items()}
