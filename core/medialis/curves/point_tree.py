@@ -33,8 +33,14 @@ twigs that are close together."""
 LINKED = 2.0
 """Length in spacings up to which points of a section are linked."""
 
-BRIDGE_QUERY = 32
-"""Neighbours that are examined first for a bridge; four times as many in each round after."""
+BRIDGE_QUERY = 32, 128, 512
+"""Neighbours that are examined for a bridge: of all points, and of those with a cheaper one."""
+
+ASIDE = 2.0
+"""A bridge costs so many times its length more for each end where it is across the limb."""
+
+NARROW = 10.0
+"""Maximum factor by which a bridge costs more that leaves a part where the part is thin."""
 
 ALIKE = 0.85
 """Fraction of the thickness of the thickest section of a fork from which on sections are alike."""
@@ -81,8 +87,20 @@ class PointGraph:
     lengths: FloatArray
 
 
-def neighbour_graph(points: FloatArray) -> PointGraph:
-    """Link each point to its nearest neighbours, and components by the shortest bridges."""
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """Direction (n, 3) of the limb that each point is on, zero where unknown, and its radius."""
+
+    ways: FloatArray
+    radii: FloatArray
+
+
+def neighbour_graph(points: FloatArray, known: Directions | None = None) -> PointGraph:
+    """Link each point to its nearest neighbours, and components by the cheapest bridges.
+
+    Neighbours are linked up to twice the spacing of both: what is farther is a bridge. Bridges
+    along limbs are cheaper than those across, and those at the thick end of a part than others.
+    """
     count = len(points)
     k = min(NEIGHBOURS + 1, count)
     tree = kd_tree(points)
@@ -90,11 +108,12 @@ def neighbour_graph(points: FloatArray) -> PointGraph:
     a, b = np.repeat(np.arange(count), k - 1), rows[:, 1:].ravel()
     keys, first = np.unique(np.minimum(a, b) * count + np.maximum(a, b), return_index=True)
     a, b, lengths = keys // count, keys % count, away[:, 1:].ravel()[first]
-    proper = a != b
-    bridges = _bridges(points, tree, a, b)
+    spacing = away[:, min(SPACING_RANK, k - 1)]
+    proper = (a != b) & (lengths <= LINKED * np.minimum(spacing[a], spacing[b]))
+    bridges = _bridges(points, tree, a[proper], b[proper], known)
     a, b = np.concatenate([a[proper], bridges[0]]), np.concatenate([b[proper], bridges[1]])
     lengths = np.concatenate([lengths[proper], bridges[2]])
-    return PointGraph(points, away[:, min(SPACING_RANK, k - 1)], a, b, lengths)
+    return PointGraph(points, spacing, a, b, lengths)
 
 
 def _components(count: int, a: IntArray, b: IntArray) -> tuple[int, IntArray]:
@@ -106,43 +125,77 @@ def _components(count: int, a: IntArray, b: IntArray) -> tuple[int, IntArray]:
     return int(number), labels
 
 
-def _bridges(points: FloatArray, tree: object, a: IntArray, b: IntArray) -> tuple:
-    """Return the shortest links between components until all are joined (Boruvka)."""
+def _bridges(
+    points: FloatArray, tree: object, a: IntArray, b: IntArray, known: Directions | None
+) -> tuple:
+    """Return the cheapest links between components until all are joined (Boruvka)."""
     added: list[tuple] = []
     while True:
         ends = [np.concatenate([one, *(link[k] for link in added)]) for k, one in enumerate((a, b))]
         number, labels = _components(len(points), *ends)
         if number == 1:
             break
-        added.append(_nearest_of_others(points, tree, labels))
+        added.append(_cheapest_to_others(points, tree, labels, known))
     if not added:
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
     return tuple(np.concatenate([link[k] for link in added]) for k in range(3))
 
 
-def _nearest_of_others(points: FloatArray, tree: object, labels: IntArray) -> tuple:
-    """Return the shortest link from each component but the largest to another one."""
+def _costs(
+    points: FloatArray, rows: IntArray, others: IntArray, away: FloatArray, known: Directions
+) -> FloatArray:
+    """Return what bridges from points (n,) to others (n, k) cost, given their lengths."""
+    links = (points[others] - points[rows][:, None]) / np.maximum(away, 1e-300)[..., None]
+    along = np.abs(np.einsum("nka,na->nk", links, known.ways[rows]))
+    other = np.abs(np.einsum("nka,nka->nk", links, known.ways[others]))
+    return np.asarray(away * (1.0 + ASIDE * (2.0 - along - other)))
+
+
+def _cheapest_to_others(
+    points: FloatArray, tree: object, labels: IntArray, known: Directions | None
+) -> tuple:
+    """Return the cheapest link from each component but the largest to another one."""
     number = int(labels.max()) + 1
-    best, ends = np.full(number, np.inf), np.full((number, 2), -1)
-    waiting, k = np.flatnonzero(labels != np.bincount(labels).argmax()), BRIDGE_QUERY
-    while len(waiting):
-        k = min(k, len(points))
-        away, rows = tree.query(points[waiting], k=k)  # type: ignore[attr-defined]
-        other = labels[rows] != labels[waiting][:, None]
-        column, every = other.argmax(axis=1), np.arange(len(waiting))
-        reached = other[every, column]
-        length = np.where(reached, away[every, column], np.inf)
-        order = np.argsort(length, kind="stable")[: int(reached.sum())]
+    best, ends = np.full(number, np.inf), np.full((number, 3), -1.0)
+    largest = int(np.bincount(labels).argmax())
+    narrow = np.ones(len(points))
+    if known is not None:
+        thickest = np.zeros(number)
+        np.maximum.at(thickest, labels, known.radii)
+        narrow = np.clip(thickest[labels] / np.maximum(known.radii, 1e-300), 1.0, NARROW)
+
+    def examine(waiting: IntArray, away: FloatArray, rows: IntArray) -> None:
+        """Keep the cheapest links from points to their neighbours in other components."""
+        cost = away if known is None else _costs(points, waiting, rows, away, known)
+        cost = np.where(labels[rows] != labels[waiting][:, None], cost, np.inf)
+        column, every = cost.argmin(axis=1), np.arange(len(waiting))
+        cheapest = cost[every, column] * narrow[waiting]
+        order = np.argsort(cheapest, kind="stable")[: int(np.isfinite(cheapest).sum())]
         of_component, first = np.unique(labels[waiting[order]], return_index=True)
-        nearest = order[first]
-        shorter = length[nearest] < best[of_component]
-        of_component, nearest = of_component[shorter], nearest[shorter]
-        best[of_component] = length[nearest]
-        ends[of_component] = np.stack([waiting[nearest], rows[nearest, column[nearest]]], axis=1)
-        waiting = waiting[~reached & (away[:, -1] < best[labels[waiting]])]
-        k *= 4
+        chosen = order[first]
+        cheaper = cheapest[chosen] < best[of_component]
+        of_component, chosen = of_component[cheaper], chosen[cheaper]
+        best[of_component] = cheapest[chosen]
+        link = [waiting[chosen], rows[chosen, column[chosen]], away[chosen, column[chosen]]]
+        ends[of_component] = np.stack(link, axis=1)
+
+    waiting = np.flatnonzero(labels != largest)
+    for times in BRIDGE_QUERY:
+        k = min(times, len(points))
+        away, rows = tree.query(points[waiting], k=k)  # type: ignore[attr-defined]
+        examine(waiting, away, rows)
+        waiting = waiting[narrow[waiting] * away[:, -1] < best[labels[waiting]]]
+        if k == len(points) or not len(waiting):
+            break
+    # Large parts that are far from all others: their neighbours are all their own.
+    for component in np.setdiff1d(np.flatnonzero(np.isinf(best)), [largest]).tolist():
+        other, inside = np.flatnonzero(labels != component), np.flatnonzero(labels == component)
+        k = min(BRIDGE_QUERY[0], len(other))
+        away, rows = kd_tree(points[other]).query(points[inside], k=k)
+        examine(inside, away.reshape(-1, k), other[rows.reshape(-1, k)])
     joined = ends[:, 0] >= 0
-    return ends[joined, 0], ends[joined, 1], best[joined]
+    a, b = ends[joined, :2].astype(np.int64).T
+    return a, b, ends[joined, 2]
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,6 +27,7 @@ from medialis.curves.limb_fit import LimbFit, falling, fit_limb, onto, smoothed,
 from medialis.curves.point_tree import (
     SPACING_RANK,
     WIDTH,
+    Directions,
     PointGraph,
     Sections,
     lowest,
@@ -50,6 +51,9 @@ MIN_LENGTH = 1.0
 INSIDE = 2.0, 0.5
 """Distance beyond the surface up to which points belong to a limb: in standard deviations of its
 residuals, and in spacings."""
+
+DISTINCT = 16
+"""Pieces of axes near a point that are examined for a limb that has the point inside."""
 
 NOISE_POINTS = 15
 """Windows with so many points say what the noise is."""
@@ -157,11 +161,12 @@ def scanned_tree(
     limbs = _limbs(graph, _base(graph, up, root), real, spacing, floor)
     noise = _noise(limbs, floor)
     hidden = _hidden_sides(limbs, points, spacing, noise)
-    if len(hidden):
-        real = np.concatenate([real, np.zeros(len(hidden), bool)])
-        graph = neighbour_graph(np.concatenate([points, hidden]))
-        limbs = _limbs(graph, _base(graph, up, root), real, spacing, floor)
-        noise = _noise(limbs, floor)
+    real = np.concatenate([real, np.zeros(len(hidden), bool)])
+    every = np.concatenate([points, hidden])
+    graph = neighbour_graph(every, _directions(limbs, every, noise))
+    limbs = _limbs(graph, _base(graph, up, root), real, spacing, floor)
+    noise = _noise(limbs, floor)
+    limbs = _distinct(limbs, points, INSIDE[0] * noise + INSIDE[1] * spacing)
     measured = _set_radii(limbs, WIDTH * spacing, noise)
     if ground is not None and root is None:
         _grounded(limbs[0], ground)
@@ -322,6 +327,48 @@ def _hidden_sides(
     every = np.concatenate(rings)
     away = kd_tree(points).query(every)[0] if len(every) else np.empty(0)
     return every[away > spacing]
+
+
+def _distinct(limbs: list[_Limb], points: FloatArray, margin: float) -> list[_Limb]:
+    """Return the limbs without tips most of whose points are inside of another limb."""
+    parents = {limb.parent for limb in limbs}
+    middles = [0.5 * (limb.fit.axis[1:] + limb.fit.axis[:-1]) for limb in limbs]
+    along = [0.5 * (limb.fit.along[1:] + limb.fit.along[:-1]) for limb in limbs]
+    radii = np.concatenate([
+        np.interp(at, limb.fit.at, limb.inner) for at, limb in zip(along, limbs, strict=True)
+    ])  # fmt: skip
+    number = np.repeat(np.arange(len(limbs)), [len(one) for one in middles])
+    tree, kept = kd_tree(np.concatenate(middles)), []
+    for k, limb in enumerate(limbs):
+        inside = float(k not in parents and len(limb.rows) == 0)  # a hidden side alone
+        if k not in parents and len(limb.rows):
+            away, rows = tree.query(points[limb.rows], k=min(DISTINCT, len(radii)))
+            other = (number[rows] != k) & (away <= radii[rows] + margin)
+            inside = float(other.any(axis=1).mean())
+        if inside <= 0.5:
+            kept.append(k)
+    new = {old: k for k, old in enumerate(kept)}
+    for k in kept:
+        limbs[k].parent = new.get(limbs[k].parent, -1)
+    return [limbs[k] for k in kept]
+
+
+def _directions(limbs: list[_Limb], points: FloatArray, noise: float) -> Directions:
+    """Return direction and radius of the limb that each point is nearest to."""
+    middles, ways, radii = [], [], []
+    for limb in limbs:
+        fit = limb.fit
+        middles.append(0.5 * (fit.axis[1:] + fit.axis[:-1]))
+        ways.append(unit_rows(np.diff(fit.axis, axis=0)))
+        known = fit.measured(noise)
+        measured = np.where(known, fit.radii, np.minimum(fit.distance, limb.inner))
+        radii.append(np.interp(0.5 * (fit.along[1:] + fit.along[:-1]), fit.at, measured))
+    every = np.concatenate(radii)
+    away, rows = kd_tree(np.concatenate(middles)).query(points, k=min(4, len(every)))
+    rows = rows.reshape(len(points), -1)
+    surface = np.abs(away.reshape(rows.shape) - every[rows])
+    nearest = rows[np.arange(len(points)), surface.argmin(axis=1)]
+    return Directions(np.concatenate(ways)[nearest], every[nearest])
 
 
 def _set_radii(limbs: list[_Limb], width: float, noise: float) -> float:
