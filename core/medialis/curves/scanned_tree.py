@@ -52,6 +52,9 @@ INSIDE = 2.0, 0.5
 """Distance beyond the surface up to which points belong to a limb: in standard deviations of its
 residuals, and in spacings."""
 
+LIMB_POINTS = 4
+"""Minimum number of points of a limb without branches: fewer may be strays."""
+
 DISTINCT = 16
 """Pieces of axes near a point that are examined for a limb that has the point inside."""
 
@@ -330,7 +333,7 @@ def _hidden_sides(
 
 
 def _distinct(limbs: list[_Limb], points: FloatArray, margin: float) -> list[_Limb]:
-    """Return the limbs without tips most of whose points are inside of another limb."""
+    """Return the limbs without tips that are strays, or mostly inside of another limb."""
     parents = {limb.parent for limb in limbs}
     middles = [0.5 * (limb.fit.axis[1:] + limb.fit.axis[:-1]) for limb in limbs]
     along = [0.5 * (limb.fit.along[1:] + limb.fit.along[:-1]) for limb in limbs]
@@ -340,8 +343,8 @@ def _distinct(limbs: list[_Limb], points: FloatArray, margin: float) -> list[_Li
     number = np.repeat(np.arange(len(limbs)), [len(one) for one in middles])
     tree, kept = kd_tree(np.concatenate(middles)), []
     for k, limb in enumerate(limbs):
-        inside = float(k not in parents and len(limb.rows) == 0)  # a hidden side alone
-        if k not in parents and len(limb.rows):
+        inside = float(k not in parents and len(limb.rows) < LIMB_POINTS)
+        if k not in parents and not inside:
             away, rows = tree.query(points[limb.rows], k=min(DISTINCT, len(radii)))
             other = (number[rows] != k) & (away <= radii[rows] + margin)
             inside = float(other.any(axis=1).mean())
