@@ -89,7 +89,7 @@ def sampled(limbs, count, rng):
     area = np.array([np.trapezoid(one.radii, one.along) for one in limbs])
     points, normals, number = [], [], []
     for k, limb in enumerate(limbs):
-        n = int(round(count * area[k] / area.sum()))
+        n = round(count * area[k] / area.sum())
         fine = np.linspace(0, limb.length, 1000)
         total = np.concatenate([[0.0], np.cumsum(limb.at(fine)[1][1:])])
         middle, radii = limb.at(place := np.interp(rng.uniform(0, total[-1], n), total, fine))

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.validation import FloatArray, IntArray
+from medialis.base.arrays import Index
+from medialis.base.validation import FloatArray
 
 CELLS = 3.0, 6.0, 12.0, 24.0
 """Sizes of the cells of the height grid that are tried, in spacings: scanners see the ground at a
@@ -54,7 +55,7 @@ class Ground:
     up: int
     low: FloatArray
     cell: float
-    cells: IntArray
+    cells: Index
     heights: FloatArray
     margin: float
 
@@ -113,7 +114,7 @@ def _ground(points: FloatArray, up: int, cell: float, spacing: float) -> Ground 
     return ground if len(cells) >= LARGER * max(occupied, 1) and below < BELOW else None
 
 
-def _neighbours(keys: IntArray, across: int) -> tuple[IntArray, IntArray]:
+def _neighbours(keys: Index, across: int) -> tuple[Index, Index]:
     """Return the pairs of occupied cells that touch, given their sorted keys."""
     pairs = []
     for step in (1, across - 1, across, across + 1):

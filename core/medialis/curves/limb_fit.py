@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Mask, kd_tree, places_along, rows_at, unit_rows
+from medialis.base.arrays import Index, Mask, kd_tree, places_along, rows_at, unit_rows
 from medialis.base.threads import run_chunks
-from medialis.base.validation import FloatArray, IntArray
+from medialis.base.validation import FloatArray
 from medialis.curves._circle_kernels import fit_circles
 
 DRAWS = 120
@@ -176,7 +176,7 @@ class LimbFit:
         return np.asarray(np.interp(self.at, self.at[sound], fit))
 
 
-def _windows(place: FloatArray, away: FloatArray, width: float) -> IntArray:
+def _windows(place: FloatArray, away: FloatArray, width: float) -> Index:
     """Return where windows begin among points sorted by their place, (w + 1,)."""
     count, first = len(place), [0]
     while (low := first[-1]) < count:
@@ -188,8 +188,10 @@ def _windows(place: FloatArray, away: FloatArray, width: float) -> IntArray:
     return np.array(first, np.int64)
 
 
-def _across(points: FloatArray, place: FloatArray, first: IntArray, axis: FloatArray, width: float):
-    """Return points seen along the axis of their window (n, 2), its frame, and places of windows."""
+def _across(
+    points: FloatArray, place: FloatArray, first: Index, axis: FloatArray, width: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return points seen along the axis of their window, its frame, and places of windows."""
     along = places_along(axis)
     number = np.repeat(np.arange(len(first) - 1), np.diff(first))
     at = np.add.reduceat(place, first[:-1]) / np.diff(first)
@@ -227,9 +229,7 @@ def fit_limb(
         first = _windows(place[order], away[order], width)
         seen, u, v, at = _across(points[order], place[order], first, axis, width)
         found = np.full((len(at), 6), np.nan)
-        run_chunks(
-            fit_circles, len(at), WINDOWS_A_CHUNK, seen, first, draws, floor, found
-        )
+        run_chunks(fit_circles, len(at), WINDOWS_A_CHUNK, seen, first, draws, floor, found)
         x, y, radii, noise, errors, inliers = found.T
         sound = (errors < 0.25) & (noise < 0.3 * radii)
         if not left or not sound.any():

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Mask, Ragged, kd_tree, sums_of, unit_rows
-from medialis.base.validation import FloatArray, IntArray
+from medialis.base.arrays import Index, Mask, Ragged, kd_tree, sums_of, unit_rows
+from medialis.base.validation import FloatArray
 
 NEIGHBOURS = 20
 """Links of a point. 6 are within its spacing, about 24 within twice its spacing on a surface."""
@@ -49,7 +49,7 @@ BEYOND = 2.0, 4.0
 """Distances beyond a fork, in thicknesses of the fork, between which sections are compared."""
 
 
-def thinned(points: FloatArray, most: int) -> IntArray:
+def thinned(points: FloatArray, most: int) -> Index:
     """Return the rows of at most `most` points: one of each cell of a cubic grid.
 
     The cell size is the smallest that does, within 5 %.
@@ -61,7 +61,7 @@ def thinned(points: FloatArray, most: int) -> IntArray:
 
     def first_of_cells(size: float) -> np.ndarray:
         cells = np.floor((points - low) / size).astype(np.int64)
-        x, y, z = cells.max(axis=0) + 1
+        _, y, z = cells.max(axis=0) + 1
         keys = (cells[:, 0] * y + cells[:, 1]) * z + cells[:, 2]
         return np.unique(keys, return_index=True)[1]
 
@@ -82,8 +82,8 @@ class PointGraph:
 
     points: FloatArray
     spacing: FloatArray
-    a: IntArray
-    b: IntArray
+    a: Index
+    b: Index
     lengths: FloatArray
 
 
@@ -116,7 +116,7 @@ def neighbour_graph(points: FloatArray, known: Directions | None = None) -> Poin
     return PointGraph(points, spacing, a, b, lengths)
 
 
-def _components(count: int, a: IntArray, b: IntArray) -> tuple[int, IntArray]:
+def _components(count: int, a: Index, b: Index) -> tuple[int, Index]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -126,7 +126,7 @@ def _components(count: int, a: IntArray, b: IntArray) -> tuple[int, IntArray]:
 
 
 def _bridges(
-    points: FloatArray, tree: object, a: IntArray, b: IntArray, known: Directions | None
+    points: FloatArray, tree: object, a: Index, b: Index, known: Directions | None
 ) -> tuple:
     """Return the cheapest links between components until all are joined (Boruvka)."""
     added: list[tuple] = []
@@ -142,7 +142,7 @@ def _bridges(
 
 
 def _costs(
-    points: FloatArray, rows: IntArray, others: IntArray, away: FloatArray, known: Directions
+    points: FloatArray, rows: Index, others: Index, away: FloatArray, known: Directions
 ) -> FloatArray:
     """Return what bridges from points (n,) to others (n, k) cost, given their lengths."""
     links = (points[others] - points[rows][:, None]) / np.maximum(away, 1e-300)[..., None]
@@ -152,7 +152,7 @@ def _costs(
 
 
 def _cheapest_to_others(
-    points: FloatArray, tree: object, labels: IntArray, known: Directions | None
+    points: FloatArray, tree: object, labels: Index, known: Directions | None
 ) -> tuple:
     """Return the cheapest link from each component but the largest to another one."""
     number = int(labels.max()) + 1
@@ -164,7 +164,7 @@ def _cheapest_to_others(
         np.maximum.at(thickest, labels, known.radii)
         narrow = np.clip(thickest[labels] / np.maximum(known.radii, 1e-300), 1.0, NARROW)
 
-    def examine(waiting: IntArray, away: FloatArray, rows: IntArray) -> None:
+    def examine(waiting: Index, away: FloatArray, rows: Index) -> None:
         """Keep the cheapest links from points to their neighbours in other components."""
         cost = away if known is None else _costs(points, waiting, rows, away, known)
         cost = np.where(labels[rows] != labels[waiting][:, None], cost, np.inf)
@@ -227,8 +227,8 @@ class Sections:
     """
 
     width: float
-    label: IntArray
-    parents: IntArray
+    label: Index
+    parents: Index
     centers: FloatArray
     begin: FloatArray
     reach: FloatArray
@@ -236,10 +236,10 @@ class Sections:
     thickness: FloatArray
     rows: Ragged
     children: list[list[int]]
-    onward: IntArray
+    onward: Index
 
     @classmethod
-    def of(cls, graph: PointGraph, base: IntArray, width: float) -> Sections:
+    def of(cls, graph: PointGraph, base: Index, width: float) -> Sections:
         """Cut a graph of points into sections by the distance from the points `base`."""
         distance, before = _distances(graph, base)
         label, parents, begin = _level_sets(graph, distance, before, width)
@@ -263,7 +263,9 @@ class Sections:
                 children[p].append(s)
         longest = np.array([max(c, key=lambda s: beyond[s] + step[s]) if c else i
                             for i, c in enumerate(children)])  # fmt: skip
-        axes = unit_rows(centers[longest] - centers[np.where(parents < 0, np.arange(count), parents)])
+        axes = unit_rows(
+            centers[longest] - centers[np.where(parents < 0, np.arange(count), parents)]
+        )
         away = graph.points - centers[label]
         away -= np.einsum("na,na->n", away, axes[label])[:, None] * axes[label]
         squares = np.bincount(label, np.einsum("na,na->n", away, away), minlength=count)
@@ -284,7 +286,7 @@ class Sections:
         return int(np.flatnonzero(self.parents < 0)[0])
 
 
-def _distances(graph: PointGraph, base: IntArray) -> tuple[FloatArray, IntArray]:
+def _distances(graph: PointGraph, base: Index) -> tuple[FloatArray, Index]:
     """Return the length of the path from the base to each point, and the point before it.
 
     A link that is longer than the spacing costs as many times its length: paths stay on limbs.
@@ -309,8 +311,8 @@ def _distances(graph: PointGraph, base: IntArray) -> tuple[FloatArray, IntArray]
 
 
 def _level_sets(
-    graph: PointGraph, distance: FloatArray, before: IntArray, width: float
-) -> tuple[IntArray, IntArray, FloatArray]:
+    graph: PointGraph, distance: FloatArray, before: Index, width: float
+) -> tuple[Index, Index, FloatArray]:
     """Return the section of each point, the section before each, and where each begins."""
     level = np.floor(distance / width).astype(np.int64)
     spacing = np.maximum(graph.spacing[graph.a], graph.spacing[graph.b])
@@ -323,7 +325,7 @@ def _level_sets(
     return label, parents, distance[nearest]
 
 
-def _one_root(parents: IntArray, centers: FloatArray, outward: IntArray) -> IntArray:
+def _one_root(parents: Index, centers: FloatArray, outward: Index) -> Index:
     """Let all roots but the first grow from it: parts of a base that are not linked."""
     roots = [int(s) for s in outward if parents[s] < 0]
     parents = parents.copy()
@@ -334,12 +336,12 @@ def _one_root(parents: IntArray, centers: FloatArray, outward: IntArray) -> IntA
 def _onward(
     width: float,
     children: list[list[int]],
-    longest: IntArray,
+    longest: Index,
     length: FloatArray,
     step: FloatArray,
     thickness: FloatArray,
     reach: FloatArray,
-) -> IntArray:
+) -> Index:
     """Return the child in which the limb of each section goes on."""
 
     def thick_beyond(s: int, ball: float) -> float:

@@ -19,9 +19,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from medialis.base.arrays import Mask, kd_tree, places_along, rows_at, unit_rows
+from medialis.base.arrays import Index, Mask, kd_tree, places_along, rows_at, unit_rows
 from medialis.base.errors import InvalidShapeError
-from medialis.base.validation import FloatArray, IntArray, frozen
+from medialis.base.validation import FloatArray, frozen
 from medialis.curves.ground import Ground, find_ground
 from medialis.curves.limb_fit import LimbFit, falling, fit_limb, onto, smoothed, weighted_median
 from medialis.curves.point_tree import (
@@ -82,7 +82,7 @@ class _Limb:
     fit: LimbFit
     parent: int
     place: float
-    rows: IntArray
+    rows: Index
     inner: FloatArray
     radii: FloatArray = field(default_factory=lambda: np.empty(0))
 
@@ -201,7 +201,7 @@ def _grounded(trunk: _Limb, ground: Ground) -> None:
     trunk.fit = replace(fit, extent=(min(fit.extent[0], -max(down, 0.0)), fit.extent[1]))
 
 
-def _base(graph: PointGraph, up: int, root: FloatArray | None) -> IntArray:
+def _base(graph: PointGraph, up: int, root: FloatArray | None) -> Index:
     spacing = float(np.median(graph.spacing))
     if root is None:
         return np.flatnonzero(lowest(graph.points, up, spacing))
@@ -209,9 +209,7 @@ def _base(graph: PointGraph, up: int, root: FloatArray | None) -> IntArray:
     return np.flatnonzero(away <= away.min() + 2.0 * spacing)
 
 
-def _limbs(
-    graph: PointGraph, base: IntArray, real: Mask, spacing: float, floor: float
-) -> list[_Limb]:
+def _limbs(graph: PointGraph, base: Index, real: Mask, spacing: float, floor: float) -> list[_Limb]:
     """Return the limbs, each after the one that it grows from."""
     sections = Sections.of(graph, base, WIDTH * spacing)
     limbs: list[_Limb] = []
@@ -222,8 +220,7 @@ def _limbs(
         section, parent, place, start = waiting[len(limbs)]
         limb, others = _limb(graph, sections, section, start, real, spacing, floor)
         limb.parent, limb.place = parent, place
-        for other in others:
-            waiting.append((other, len(limbs), *_leaves(limb, sections.centers[other])))
+        waiting += [(c, len(limbs), *_leaves(limb, sections.centers[c])) for c in others]
         limbs.append(limb)
     return limbs
 

@@ -315,12 +315,12 @@ OPERATION = Operation(
     filter_name="generate_tree_cylinders",
     label="Tree cylinders",
     group="Skeleton",
-    help="Fit cylinders to the trunk, branches and twigs of a tree (a quantitative structure model).\n\n"
+    help="Fit cylinders to trunk, branches and twigs of a tree (quantitative structure model).\n\n"
     "Each cylinder has its radius, length, parent and branch order, each limb its volume and its "
     "angle; together they are a quantitative structure model. The tree begins at its lowest thick "
-    "end or at a given place. A mesh is modelled along its curve skeleton; loops are cut where they "
-    "are thinnest. A cloud of points needs no normals: its ground is left out, one side of a limb is "
-    "enough, and radii of twigs that cannot be measured follow the pipe model.",
+    "end or at a given place. A mesh is modelled along its curve skeleton; loops are cut where "
+    "they are thinnest. A cloud of points needs no normals: its ground is left out, one side of a "
+    "limb is enough, and radii of twigs that cannot be measured follow the pipe model.",
     options=TreeCylindersRun,
     run=run,
     thin_lines=True,
