@@ -206,9 +206,9 @@ class Sections:
     ----------
     width : float
         Range of geodesic distance that a section covers.
-    label : (n,) int32
+    label : (n,) int
         Section of each point.
-    parents : (s,) int32
+    parents : (s,) int
         Section that each one grows from, -1: the root, which is one.
     centers : (s, 3) float64
         Mean of the points of each section.
@@ -222,7 +222,7 @@ class Sections:
     rows : Ragged
         Points of each section.
     children : list of list of int
-    onward : (s,) int32
+    onward : (s,) int64
         Child in which the limb of each section goes on, -1: a tip.
     """
 
@@ -354,7 +354,7 @@ def _onward(
             s = int(longest[s])
             away += step[s]
 
-    onward = np.full(len(children), -1, np.int32)
+    onward = np.full(len(children), -1, np.int64)
     for s, following in enumerate(children):
         if len(following) <= 1:
             onward[s] = following[0] if following else -1
