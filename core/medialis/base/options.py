@@ -65,6 +65,7 @@ LENGTHS = frozenset(
     | {"rib_thickness", "wall_thickness", "checked_thickness", "largest_ball", "weld_length"}
     | {"distance", "largest_error", "mean_error", "surface_to_envelope", "envelope_to_surface"}
     | {"pieces_to_surface", "surface_to_pieces", "thickness_mean", "median_radius", "boundary"}
+    | {"height", "breast_diameter"}
 )
 AREAS = frozenset({"area"})
 VOLUMES = frozenset({"volume"})

@@ -15,6 +15,8 @@ with radii, edges and branches; it is what `segments` (limbs) and `rigging` (bon
   the cheapest paths along them.
 - `centerline.py`: lines in the middle of tubes between places; `tree_cylinders.py`: trunk and limbs
   of a tree, from its root, as cylinders. Each has its operation beside it.
+- `scanned_tree.py`: cylinders of a scanned tree, from points alone; `point_tree.py` (sections and
+  what they grow from), `limb_fit.py` (axis and radii of a limb; `_circle_kernels.py`), `ground.py`.
 - `operation.py`: its files (SWC, GraphML and others), and the operation curve_skeleton.
 
 Another method to find points on the curve skeleton stands beside `from_balls.py`, another measure

@@ -1,4 +1,4 @@
-"""Operation: cylinders along trunk, branches and twigs of a tree: quantitative structure models.
+"""Operation: cylinders of a tree from a mesh or a scan: quantitative structure models.
 
 `tree_cylinders.csv` has the columns of TreeQSM's cylinders, by which rTwig knows it as one of its,
 `tree_cylinders.branches.csv` those of its branches. Both programs count rows from 1 and take
@@ -15,12 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from medialis.base.arrays import unit_rows
 from medialis.base.options import METERS, file, flag, number
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton
+from medialis.curves.scanned_tree import scanned_tree
 from medialis.curves.tree_cylinders import (
     TreeCylinders,
     lowest_thick_end,
@@ -31,12 +33,20 @@ from medialis.formats.files import write_lines
 from medialis.operations.declaration import Format, Operation
 from medialis.operations.positions import place
 from medialis.operations.result import Layer, Outcome, Result
-from medialis.shape.reading import surface_of_cloud
 from medialis.shape.shape import Shape
 from medialis.skeleton.layers import samples_layer, summary, vertices_in_file
 
 LITRES = 1000.0
 """In a cubic metre."""
+
+BREAST_HEIGHT = 1.3
+"""Height in metres at which foresters measure the diameter of a trunk."""
+
+MIN_EXPLAINED = 0.95
+"""Fraction of points near a cylinder below which a model may be incomplete."""
+
+SIDES = 12
+"""Sides of a cylinder in pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,18 +74,22 @@ class TreeCylindersRun(CurveSkeletonOptions):
 
 
 def run(shape: Shape, options: TreeCylindersRun, progress: Progress) -> Outcome:
-    """Find the curve skeleton, hang it from its root, cut it in cylinders and measure them."""
+    """Model a cloud by its sections, a mesh by its curve skeleton."""
     picked = vertices_in_file(options.root, shape, "no tree begins there")
-    solid = shape
+    root = shape.points[int(picked[0])] if len(picked) else None
     if shape.faces is None:
-        solid = run_patiently(lambda: surface_of_cloud(shape), progress)
-        faces = solid.face_count
-        text = f"A surface of {counted(faces, 'face')} was laid through the points of the cloud."
-        progress.note(text, "surface_of_cloud", faces=faces)
+        return _of_cloud(shape, root, options, progress)
+    return _of_mesh(shape, root, options, progress)
+
+
+def _of_mesh(
+    shape: Shape, picked: FloatArray | None, options: TreeCylindersRun, progress: Progress
+) -> Outcome:
+    """Find the curve skeleton, hang it from its root, cut it in cylinders and measure them."""
     with progress.stage("curve skeleton", 0.0, 0.9):
-        graph = curve_skeleton.of(solid, options, progress)
-    if len(picked):
-        root = nearest_end(graph, shape.points[int(picked[0])])
+        graph = curve_skeleton.of(shape, options, progress)
+    if picked is not None:
+        root = nearest_end(graph, picked)
     else:
         root = lowest_thick_end(graph, "xyz".index(shape.up or "z"))
     tree = run_patiently(lambda: _tree(graph, root, options), progress)
@@ -85,9 +99,65 @@ def run(shape: Shape, options: TreeCylindersRun, progress: Progress) -> Outcome:
     return Outcome(
         shape=surface,
         layers=(_layer(tree), samples_layer(surface)),
-        values=_values(tree, surface.diagonal),
+        values=_values(tree, surface),
         extras={"cylinders": tree, "graph": graph},
+        panels=_panels(tree, surface),
     )
+
+
+def _of_cloud(
+    shape: Shape, root: FloatArray | None, options: TreeCylindersRun, progress: Progress
+) -> Outcome:
+    """Fit cylinders to the points of a scan."""
+    up = "xyz".index(shape.up or "z")
+    given = {"up": up, "root": root, "length": options.cylinder_length}
+    model = run_patiently(lambda: scanned_tree(shape.points, **given), progress)
+    if model.on_ground:
+        text = f"{counted(model.on_ground, 'point')} of the ground were left out."
+        progress.note(text, "ground_left_out", points=model.on_ground)
+    if model.points + model.on_ground < shape.point_count:
+        text = f"{counted(model.points, 'point')} are used: the cloud was thinned."
+        progress.note(text, "cloud_thinned", points=model.points)
+    if model.explained < MIN_EXPLAINED:
+        text = (
+            f"{100 * (1 - model.explained):.0f} % of the points are not explained by a cylinder: "
+            "leaves, other objects, or twigs thinner than the spacing of the points."
+        )
+        progress.warn(text, "unexplained_points", fraction=1 - model.explained)
+    quality = {
+        "explained_percent": 100 * model.explained,
+        "measured_percent": 100 * model.measured,
+        "noise": model.noise,
+        "spacing": model.spacing,
+        "points_used": model.points,
+        "points_on_ground": model.on_ground,
+    }
+    return Outcome(
+        shape=shape,
+        layers=(_layer(model.cylinders), samples_layer(shape)),
+        values=_values(model.cylinders, shape) | quality,
+        extras={"cylinders": model.cylinders},
+        panels=_panels(model.cylinders, shape),
+    )
+
+
+def _panels(tree: TreeCylinders, shape: Shape) -> dict[str, tuple[tuple[str, Layer], ...]]:
+    """Return the picture of the cylinders beside the shape."""
+    turn = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    axes = tree.axes
+    u = unit_rows(np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)]))
+    ring = np.cos(turn)[:, None] * u[:, None] + np.sin(turn)[:, None] * np.cross(axes, u)[:, None]
+    ring = tree.radii[:, None, None] * ring
+    points = np.stack([tree.starts[:, None] + ring, tree.ends[:, None] + ring], axis=1)
+    a, b = np.arange(SIDES), (np.arange(SIDES) + 1) % SIDES
+    sides = np.concatenate([np.stack([a, b, b + SIDES], 1), np.stack([a, b + SIDES, a + SIDES], 1)])
+    faces = (sides + 2 * SIDES * np.arange(len(tree))[:, None, None]).reshape(-1, 3)
+    orders = np.repeat(tree.orders, 2 * SIDES)
+    cylinders = Layer("cylinders", points.reshape(-1, 3), faces.astype(np.int32),
+                      attributes={"order": orders}, color_by="order")  # fmt: skip
+    given = Layer("shape", shape.points, shape.faces)
+    return {"cylinders": (("points" if shape.faces is None else "mesh", given),
+                          ("cylinders by branch order", cylinders))}  # fmt: skip
 
 
 def _tree(graph: CurveSkeleton, root: int, options: TreeCylindersRun) -> TreeCylinders:
@@ -135,7 +205,19 @@ def _sums(labels: NDArray[np.integer], values: FloatArray) -> FloatArray:
     return np.asarray(np.bincount(labels, values), np.float64)
 
 
-def _values(tree: TreeCylinders, diagonal: float) -> dict[str, Any]:
+def _breast_diameter(tree: TreeCylinders, shape: Shape) -> float | None:
+    """Return the diameter of the trunk 1.3 m above its base; None without a unit or so high up."""
+    up = "xyz".index(shape.up or "z")
+    trunk = np.flatnonzero(tree.branches == 0)
+    if shape.unit not in METERS:
+        return None
+    height = tree.starts[0, up] + BREAST_HEIGHT / METERS[shape.unit]
+    there = trunk[(tree.starts[trunk, up] <= height) & (tree.ends[trunk, up] > height)]
+    return float(2.0 * tree.radii[there[0]]) if len(there) else None
+
+
+def _values(tree: TreeCylinders, shape: Shape) -> dict[str, Any]:
+    up = "xyz".index(shape.up or "z")
     length, volume = (_sums(tree.branches, one) for one in (tree.lengths, tree.volumes))
     orders, parents = tree.orders[tree.first], tree.parents[tree.first]
     above = np.where(parents < 0, -1, tree.branches[parents])
@@ -148,7 +230,9 @@ def _values(tree: TreeCylinders, diagonal: float) -> dict[str, Any]:
         "length": float(length.sum()),
         "volume": float(volume.sum()),
         **summary(tree.radii, "radius"),
-        "diagonal": diagonal,
+        "height": float(max(tree.starts[:, up].max(), tree.ends[:, up].max()) - tree.starts[0, up]),
+        "breast_diameter": _breast_diameter(tree, shape),
+        "diagonal": shape.diagonal,
         "order_table": [
             {
                 "order": order,
@@ -231,11 +315,12 @@ OPERATION = Operation(
     filter_name="generate_tree_cylinders",
     label="Tree cylinders",
     group="Skeleton",
-    help="Lay cylinders along trunk, branches and twigs of a tree, each with its parent.\n\n"
+    help="Fit cylinders to trunk, branches and twigs of a tree (quantitative structure model).\n\n"
     "Each cylinder has its radius, length, parent and branch order, each limb its volume and its "
     "angle; together they are a quantitative structure model. The tree begins at its lowest thick "
-    "end or at a given place; loops are cut where they are thinnest. A cloud of points needs "
-    "outward normals.",
+    "end or at a given place. A mesh is modelled along its curve skeleton; loops are cut where "
+    "they are thinnest. A cloud of points needs no normals: its ground is left out, one side of a "
+    "limb is enough, and radii of twigs that cannot be measured follow the pipe model.",
     options=TreeCylindersRun,
     run=run,
     thin_lines=True,
