@@ -185,7 +185,7 @@ def _without_ground(points: FloatArray, up: int) -> tuple[FloatArray, Ground | N
     ground = find_ground(coarse, up, float(np.median(away)))
     if ground is None:
         return points, None
-    kept = ~ground.holds(points)
+    kept = np.logical_not(ground.holds(points))
     if kept.sum() < MIN_POINTS:
         raise InvalidShapeError("The cloud has a ground, and less than 20 points above it.")
     return points[kept], ground
@@ -262,7 +262,7 @@ def _limb(
         inner = fit.profile()
         own, others = _taken(graph, sections, following, fit, inner, spacing)
         axis = fit.axis
-    return _Limb(fit, -1, 0.0, fitted, inner), others
+    return _Limb(fit, -1, 0.0, fitted.astype(np.int64), inner), others
 
 
 def _taken(
@@ -506,7 +506,9 @@ def _cut(limb: _Limb, parent: _Limb | None, length: float, width: float, first: 
 def _cylinders(limbs: list[_Limb], length: float, width: float) -> TreeCylinders:
     """Cut all limbs into cylinders."""
     cuts: list[_Cut] = []
-    parents, orders, leaving = [], [], []
+    parents: list[Index] = []
+    orders: list[int] = []
+    leaving: list[FloatArray] = []
     for limb in limbs:
         parent = limbs[limb.parent] if limb.parent >= 0 else None
         first = cuts[-1].first + len(cuts[-1].radii) if cuts else 0

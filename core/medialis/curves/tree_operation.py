@@ -110,8 +110,10 @@ def _of_cloud(
 ) -> Outcome:
     """Fit cylinders to the points of a scan."""
     up = "xyz".index(shape.up or "z")
-    given = {"up": up, "root": root, "length": options.cylinder_length}
-    model = run_patiently(lambda: scanned_tree(shape.points, **given), progress)
+    model = run_patiently(
+        lambda: scanned_tree(shape.points, up=up, root=root, length=options.cylinder_length),
+        progress,
+    )
     if model.on_ground:
         text = f"{counted(model.on_ground, 'point')} of the ground were left out."
         progress.note(text, "ground_left_out", points=model.on_ground)
