@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 PACKAGES = (
-    *("skeletor", "kimimaro", "scikit-image", "localthickness", "pymeshlab"),
+    *("skeletor", "kimimaro", "scikit-image", "PyGEL3D", "localthickness", "pymeshlab"),
     *("trimesh", "rtree", "matplotlib"),
 )
 """What pip installs into the environment of the peers; the last two are needed by others."""
@@ -73,6 +73,7 @@ METHODS = (
     ),
     Method("skeletonize", "scikit-image skeletonize, voxels", "scikit-image",
            others=({"fine": True},)),
+    Method("local_separators", "PyGEL3D MSLS_skeleton", "PyGEL3D"),
     Method("cgal", "CGAL mean curvature flow", "CGAL", others=({"quality": 0.5},)),
     Method("medialis_thickness", "medialis thickness", "medialis", "thickness"),
     Method("spheres", "trimesh thickness", "trimesh", "thickness", others=({"method": "ray"},)),

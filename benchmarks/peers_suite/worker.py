@@ -120,6 +120,19 @@ def kimimaro(case, fine=False, **settings):
     return {"nodes": origin + pitch * np.asarray(found.vertices), "edges": np.asarray(found.edges)}
 
 
+def local_separators(case):
+    """Local separators of the graph of the mesh, from coarse to fine; radii are not kept."""
+    from pygel3d import graph, hmesh
+
+    mesh = hmesh.Manifold.from_triangles(case.points, case.faces)
+    found = graph.MSLS_skeleton(graph.from_mesh(mesh))
+    rows = list(found.nodes())
+    number = {row: place for place, row in enumerate(rows)}
+    nodes = found.positions()[rows]
+    links = {tuple(sorted((number[a], number[b]))) for a in rows for b in found.neighbors(a)}
+    return {"nodes": nodes, "edges": np.array(sorted(links), int).reshape(-1, 2)}
+
+
 def skeletonize(case, fine=False):
     """Thinning of voxels."""
     from skimage.morphology import skeletonize

@@ -29,8 +29,8 @@ from medialis.skeleton.medial_cloud import MedialCloud
 
 NONE = np.empty((0, 2), np.int64)
 
-HIGH, LONG = 1.5, 5.0
-"""A limb sticks out by 1.5 radii of its base, or by five of its own radii where that is less:
+HIGH, LONG = 2.0, 6.0
+"""A limb sticks out by two radii of its base, or by six of its own radii where that is less:
 a finger is longer than thick, a spine longer than wide, and a bump is neither."""
 
 DEEP = 0.8
