@@ -115,6 +115,6 @@ def test_generated_layers_leave_the_colours_of_the_input(default_run, tmp_path):
     manifest = write_for_host(result, shape, tmp_path / "out", draw_solid=True)
     parts = next(about for about in manifest["layers"] if about["on_input"])
     ply = read_ply_attributes(tmp_path / "out" / parts["file"])
-    assert parts["color_by"] is None and set(ply.attributes) == {"branch", "node"}
+    assert parts["color_by"] is None and set(ply.attributes) == {"branch", "node", "left_out"}
     curve = next(about for about in manifest["layers"] if not about["on_input"])
     assert curve["edges"] == 0 and curve["faces"] > 0

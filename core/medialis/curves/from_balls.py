@@ -552,7 +552,7 @@ def _from_level_sets(
     slender = level_ground(cloud.surface, progress).slenderness
     text = (
         f"All limbs together are {slender:,.0f} times as long as thick: the skeleton follows level "
-        "sets of the distance along the surface, so that thin ones count as thick ones do."
+        "sets, which find limbs however thin they are."
     )
     progress.note(text, "level_sets", slenderness=slender)
     return simplify_branches.of(graph, options, progress) if options.simplify > 0 else graph

@@ -40,7 +40,7 @@ WORDS = {
 
 INNER = {
     *("open_balls", "without_normal", "between_parts", "along_edges"),
-    *("expected_loops", "expected_loops_certain"),
+    *("expected_loops", "expected_loops_certain", "explained"),
     *("candidates", "kept_candidates", "sheet_share", "kept_points", "spacing", "unlabelled"),
     *("seam_edges", "fewest_balls", "most_balls", "unassigned_samples"),
     *(f"checked_thickness_{word}" for word in ("min", "median", "max")),
