@@ -311,6 +311,21 @@ def twice_areas(points: FloatArray, faces: NDArray[np.integer]) -> FloatArray:
     return np.asarray(np.linalg.norm(corner_vectors(points, faces), axis=1))
 
 
+def weighted_graph(weights: FloatArray, a: Index, b: Index, count: int) -> Any:
+    """Return links a -> b (e,) with weights as a sparse (count, count) array for scipy's csgraph.
+
+    Its functions take 32-bit indices alone in older versions of scipy.
+    """
+    from scipy.sparse import coo_array
+
+    ends = np.asarray(a, np.int32), np.asarray(b, np.int32)
+    matrix = coo_array((weights, ends), shape=(count, count)).tocsr()
+    matrix.indices, matrix.indptr = (
+        part.astype(np.int32, copy=False) for part in (matrix.indices, matrix.indptr)
+    )
+    return matrix
+
+
 def sums_of(rows: NDArray[np.integer], values: FloatArray, count: int) -> FloatArray:
     """Return the sums (count, k) of the values (n, k) that belong to each of so many rows."""
     return np.stack([np.bincount(rows, one, minlength=count) for one in values.T], axis=1)

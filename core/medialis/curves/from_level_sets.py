@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, kd_tree, unit_rows
+from medialis.base.arrays import Index, Mask, kd_tree, unit_rows, weighted_graph
 from medialis.base.box_tree import NearestTree
 from medialis.base.kept import Bound, kept
 from medialis.base.progress import Progress
@@ -578,12 +578,11 @@ def hanging_areas(graph: CurveSkeleton, areas: FloatArray) -> FloatArray:
     By a spanning tree from the node with the largest radius of each component. `areas` (v,) are
     those of the surface next to each node.
     """
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order
 
     v = len(graph.nodes)
     both = np.concatenate([graph.edges, graph.edges[:, ::-1]]).T
-    matrix = coo_array((np.ones(both.shape[1]), both), (v, v)).tocsr()
+    matrix = weighted_graph(np.ones(both.shape[1]), both[0], both[1], v)
     whole = np.bincount(graph.components, areas)[graph.components]
     order = np.lexsort((-graph.radii, graph.components))
     roots = order[np.unique(graph.components[order], return_index=True)[1]]
@@ -605,14 +604,13 @@ def _thinned(row: Index, contours: int) -> Index:
 
 def _nearest_shown(web: Web, edges: Index, shown: Mask) -> Index:
     """Return the nearest node of the skeleton along the graph for each node, (v,)."""
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     v = len(web.nodes)
     length = np.linalg.norm(np.diff(web.nodes[edges], axis=1)[:, 0], axis=1)
     tiny = 1e-12 * max(float(length.max(initial=0.0)), 1e-300)
     both = np.concatenate([edges, edges[:, ::-1]])
-    graph = coo_array((np.tile(length + tiny, 2), both.T), (v, v)).tocsr()
+    graph = weighted_graph(np.tile(length + tiny, 2), both[:, 0], both[:, 1], v)
     _, _, source = dijkstra(
         graph, indices=np.flatnonzero(shown), min_only=True, return_predecessors=True
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Index, weighted_graph
 from medialis.base.validation import FloatArray
 
 CELLS = 3.0, 6.0, 12.0, 24.0
@@ -85,7 +85,6 @@ def find_ground(points: FloatArray, up: int, spacing: float) -> Ground | None:
 
 def _ground(points: FloatArray, up: int, cell: float, spacing: float) -> Ground | None:
     """Return the ground if it is connected in cells of one size."""
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     flat, height = np.delete(points, up, axis=1), points[:, up]
@@ -97,7 +96,7 @@ def _ground(points: FloatArray, up: int, cell: float, spacing: float) -> Ground 
     np.minimum.at(lowest, cell_of, height)
     a, b = _neighbours(keys, across)
     level = np.abs(lowest[a] - lowest[b]) <= STEEPEST * cell
-    links = coo_array((np.ones(level.sum(), np.int8), (a[level], b[level])), shape=(len(keys),) * 2)
+    links = weighted_graph(np.ones(int(level.sum())), a[level], b[level], len(keys))
     _, part = connected_components(links, directed=False)
     chosen = part == np.bincount(part).argmax()
     cells = np.flatnonzero(chosen)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask
+from medialis.base.arrays import Index, Mask, weighted_graph
 from medialis.base.validation import FloatArray, IntArray
 from medialis.shape.surface import SolidBoundary, piece_labels
 
@@ -211,7 +211,6 @@ def _distances(
     boundary: SolidBoundary, edges: Index, radii: FloatArray
 ) -> tuple[FloatArray, IntArray]:
     """Return the distance of each point from a tip of its piece, in radii, and the pieces."""
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     n = len(boundary.points)
@@ -219,9 +218,8 @@ def _distances(
     least = 1e-12 * max(float(length.max(initial=0.0)), 1e-300)
     a, b = np.maximum(radii, least)[edges.T]
     steps = np.clip(0.5 * length * (1.0 / a + 1.0 / b), 1e-9, LONGEST_EDGE)
-    graph = coo_array((np.tile(steps, 2), np.concatenate([edges, edges[:, ::-1]]).T), (n, n))
-    graph.sum_duplicates()
-    graph = graph.tocsr()
+    both = np.concatenate([edges, edges[:, ::-1]]).T
+    graph = weighted_graph(np.tile(steps, 2), both[0], both[1], n)
     starts = np.unique(piece, return_index=True)[1]
     for _ in range(2):  # from any point to a farthest one, and from there
         distance = np.asarray(dijkstra(graph, indices=starts, min_only=True))

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, Ragged, kd_tree, sums_of, unit_rows
+from medialis.base.arrays import Index, Mask, Ragged, kd_tree, sums_of, unit_rows, weighted_graph
 from medialis.base.validation import FloatArray
 
 NEIGHBOURS = 20
@@ -117,10 +117,9 @@ def neighbour_graph(points: FloatArray, known: Directions | None = None) -> Poin
 
 
 def _components(count: int, a: Index, b: Index) -> tuple[int, Index]:
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    links = coo_array((np.ones(len(a), np.int8), (a, b)), shape=(count, count))
+    links = weighted_graph(np.ones(len(a)), a, b, count)
     number, labels = connected_components(links, directed=False)
     return int(number), labels
 
@@ -291,14 +290,13 @@ def _distances(graph: PointGraph, base: Index) -> tuple[FloatArray, Index]:
 
     A link that is longer than the spacing costs as many times its length: paths stay on limbs.
     """
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     count = len(graph.points)
     spacing = np.minimum(graph.spacing[graph.a], graph.spacing[graph.b])
     least = 1e-12 * float(np.ptp(graph.points, axis=0).max())  # 0 is no link
     cost = graph.lengths * np.maximum(1.0, graph.lengths / np.maximum(spacing, least))
-    links = coo_array((np.maximum(cost, least), (graph.a, graph.b)), shape=(count, count)).tocsr()
+    links = weighted_graph(np.maximum(cost, least), graph.a, graph.b, count)
     given = {"directed": False, "indices": base, "min_only": True, "return_predecessors": True}
     _, before, _ = dijkstra(links, **given)
     before = np.where(before < 0, np.arange(count), before)

@@ -21,6 +21,7 @@ from medialis.base.arrays import (
     rows_of_labels,
     sums_of,
     unit_rows,
+    weighted_graph,
 )
 from medialis.base.kept import kept
 from medialis.base.progress import Progress
@@ -319,7 +320,6 @@ def _shortest_links(label: NDArray[np.integer], axes: FloatArray) -> list[tuple[
     axes: limbs continue at their ends.
     """
     from scipy.ndimage import distance_transform_edt
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
 
     pad = [(0, int(n % 2)) for n in label.shape]
@@ -356,7 +356,7 @@ def _shortest_links(label: NDArray[np.integer], axes: FloatArray) -> list[tuple[
         cosine = np.where(axis.any(axis=1), np.abs((way * axis).sum(axis=1)), ROUND)
         along = np.maximum(along, cosine)
     table[:, 4] *= 2.0 - along
-    tree = minimum_spanning_tree(coo_array((table[:, 4], ends.T), shape=(count, count))).tocoo()
+    tree = minimum_spanning_tree(weighted_graph(table[:, 4], ends[:, 0], ends[:, 1], count)).tocoo()
     kept = np.isin(ends @ [count, 1], np.stack([tree.row, tree.col], axis=1) @ [count, 1])
     result = []
     for a, b, start, end, _ in table[kept].tolist():
