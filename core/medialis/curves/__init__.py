@@ -5,6 +5,8 @@ with radii, edges and branches; it is what `segments` (limbs) and `rigging` (bon
 
 - `curve_skeleton.py`: the result; read it first.
 - `from_balls.py`: from the surface skeleton of a mesh (thesis 3.6); exact topology.
+- `from_level_sets.py`: from contours of the distance along a mesh (`level_sets.py`), for limbs far
+  thinner than the whole shape.
 - `limb_sampling.py`: samples on limbs that are coarse for how thin they are.
 - `candidates.py`: which balls lie on the curve skeleton, and how much of the surface hangs on each
   (thesis 3.6.1, 3.6.2).

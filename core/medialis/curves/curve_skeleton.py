@@ -99,7 +99,8 @@ class CurveSkeleton(Bound):
     edges : (e, 2) int32
         Pairs of different nodes, no pair twice.
     radii : (v,) float64
-        Radius of the ball round each node, same units.
+        Radius of the ball round each node, same units; from level sets that of a circle with the
+        area of the section.
     importance : (v,) float64
         How much of the surface hangs on the skeleton here (the mu of the thesis, an area, for
         skeletons from the surface skeleton); NaN where it was not measured.
