@@ -294,6 +294,11 @@ def unit_rows(vectors: FloatArray, least: float = 0.0, instead: Any = 0.0) -> Fl
     return np.divide(vectors, length, out=out, where=length > least)
 
 
+def perpendicular(ways: FloatArray) -> FloatArray:
+    """Return unit vectors at right angles to vectors (..., 3); zero for zero vectors."""
+    return unit_rows(np.cross(ways, np.eye(3)[np.argmin(np.abs(ways), axis=-1)]))
+
+
 def corner_vectors(points: FloatArray, faces: NDArray[np.integer]) -> FloatArray:
     """Return the normal of each triangle times twice its area, (m, 3)."""
     a, b, c = (points[faces[:, j]] for j in range(3))

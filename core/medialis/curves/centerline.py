@@ -29,6 +29,7 @@ from medialis.base.arrays import (
     polylines,
     rows_at,
     unit_rows,
+    weighted_graph,
 )
 from medialis.base.box_tree import NearestTree, exact_box_tree, nearest_others
 from medialis.base.errors import InvalidShapeError
@@ -140,7 +141,6 @@ def shortest(cloud: MedialCloud, starts: Index, ends: Index) -> list[Index]:
     InvalidShapeError
         When no path leads to an end: it lies in another part.
     """
-    from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import dijkstra
 
     a, b = _links(cloud).T
@@ -149,7 +149,7 @@ def shortest(cloud: MedialCloud, starts: Index, ends: Index) -> list[Index]:
     cost = 0.5 * length * (1.0 / radii[a] + 1.0 / radii[b])
     cost[length > np.maximum(radii[a], radii[b])] *= LEAP
     cost = np.maximum(cost, 1e-9)  # balls of the same center
-    graph = coo_matrix((cost, (a, b)), (len(cloud), len(cloud))).tocsr()
+    graph = weighted_graph(cost, a, b, len(cloud))
     known = {"directed": False, "indices": starts, "return_predecessors": True, "min_only": True}
     away, before, _ = dijkstra(graph, **known)
     lost = ends[~np.isfinite(away[ends])]

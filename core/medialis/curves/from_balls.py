@@ -240,7 +240,13 @@ def by_level_sets(shape: Shape, options: CurveSkeletonOptions, progress: Progres
         return False
     scale = options.size_scale(shape) * shape.diagonal
     thinnest = THIN * options.auto_starts()["candidates"] * scale / (HALF_ROUND * np.pi)
-    slender, thin = _rough_slenderness(shape, thinnest, progress)
+    slender, thin = kept(
+        _rough_slenderness,
+        shape,
+        thinnest,
+        lambda: _rough_slenderness(shape, thinnest, progress),
+        progress,
+    )
     if slender < SLENDER and thin < FEW:
         return False
     web = level_ground(shape, progress)
@@ -318,6 +324,10 @@ def curve_skeleton(
 
     Notes
     -----
+    Shapes with limbs far thinner than the whole are cut along level sets of the distance on the
+    surface instead (`skeleton_method`): the radius of a node is then that of a circle with the area
+    of the section, `evidence` has no candidates, and importance is the area that hangs on a node.
+
     Cost O(n log n): 4 s for 194,000 vertices after the geodesics. Another threshold, smoothing or
     simplification of the same cloud only grows the graph anew. Source: thesis 3.6. Deviates: the
     linking. The thesis connects candidates within a radius, which leaves gaps and does not know the

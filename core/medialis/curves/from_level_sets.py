@@ -1,8 +1,8 @@
 """The curve skeleton of a thin, branching mesh from its level sets (`level_sets.py`).
 
-Each contour is a node at its centroid. Branches that do not stick out of the limb at their base go;
-an end is the center of the largest ball that touches the tip. Pieces of the surface that touch are
-joined by an edge, others have a graph of their own.
+Each contour is a node in the middle of its section. Branches that do not stick out of the limb at
+their base are left out; an end is the center of the largest ball that touches the tip. Pieces of
+the surface that touch are joined by an edge, others have a graph of their own.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, kd_tree, unit_rows, weighted_graph
+from medialis.base.arrays import Index, Mask, kd_tree, perpendicular, unit_rows, weighted_graph
 from medialis.base.box_tree import NearestTree
 from medialis.base.kept import Bound, kept
 from medialis.base.progress import Progress
@@ -24,7 +24,7 @@ from medialis.curves.finishing import smooth_nodes
 from medialis.curves.level_sets import LevelSets, level_sets
 from medialis.curves.persistence import node_persistence
 from medialis.shape.shape import Shape
-from medialis.shape.surface import solid_boundary
+from medialis.shape.surface import link_matrix, solid_boundary
 from medialis.skeleton.medial_cloud import MedialCloud
 
 NONE = np.empty((0, 2), np.int64)
@@ -157,9 +157,9 @@ def centered(levels: LevelSets, widest: Index) -> tuple[FloatArray, FloatArray]:
             middle = smooth[widest].mean(axis=1)
             smooth = middle[levels.bands].mean(axis=1)
         way = unit_rows(np.diff(middle[levels.bands], axis=1)[:, 0])
-        across = unit_rows(np.cross(way, np.eye(3)[np.argmin(np.abs(way), axis=1)]))
-        frame = np.stack([across, np.cross(way, across)], axis=1)[levels.contour]
-        middle_of = centers[levels.contour]
+        across = perpendicular(way)
+        frames = np.stack([across, np.cross(way, across)], axis=1)
+        frame, middle_of = frames[levels.contour], centers[levels.contour]
         ax, ay = np.einsum("sij,sj->is", frame, first - middle_of)
         bx, by = np.einsum("sij,sj->is", frame, second - middle_of)
         turn = ax * by - bx * ay
@@ -173,8 +173,7 @@ def centered(levels: LevelSets, widest: Index) -> tuple[FloatArray, FloatArray]:
         shift[flat] = 0.0
         size = np.linalg.norm(shift, axis=1)
         shift *= np.divide(widths, size, out=np.ones(count), where=size > widths)[:, None]
-        first_of = np.stack([across, np.cross(way, across)], axis=1)
-        centers = centers + np.einsum("ci,cij->cj", shift, first_of)
+        centers = centers + np.einsum("ci,cij->cj", shift, frames)
     return centers, widths
 
 
@@ -241,11 +240,11 @@ def significance(web: Web, row: list[int]) -> float:
 
 def pruned(
     web: Web, edges: Index, areas: FloatArray | None = None, smallest: float = 0.0
-) -> tuple[Mask, list[list[int]]]:
+) -> list[list[int]]:
     """Leave out limbs that do not stick out, the least significant first.
 
     With the area of the surface at each node (v,), those on which less hangs than `smallest` go
-    as well. Returns the nodes that stay, and the chains of them.
+    as well. Returns the chains of nodes that stay.
     """
     chains = _Chains(web, _chains(web, edges))
     heap: list[tuple[float, int, int]] = []
@@ -272,11 +271,7 @@ def pruned(
             continue
         for other in chains.drop(name, row[0]):
             ask(other)
-    stays = np.zeros(len(web.nodes), bool)
-    rows = list(chains.rows.values())
-    for row in rows:
-        stays[row] = True
-    return stays, rows
+    return list(chains.rows.values())
 
 
 def trimmed(web: Web, rows: list[list[int]]) -> tuple[Mask, FloatArray]:
@@ -344,15 +339,14 @@ def bridges(levels: LevelSets, web: Web) -> Index:
     pairs = np.column_stack([order[:-1][same], order[1:][same]])
     pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
     joined, found = _joined(label, pairs, node)
-    reach = _mean_edges(levels)
     while True:
         pairs = _nearest_foreign(boundary.points, joined, used)
         gap = np.linalg.norm(np.diff(boundary.points[pairs], axis=1)[:, 0], axis=1)
-        pairs = pairs[gap <= reach[pairs].max(axis=1)]
-        if len(pairs) == 0:
+        near = gap <= levels.spacing[pairs].max(axis=1)
+        if not near.any():
             return np.concatenate(found) if found else NONE
-        gap = np.linalg.norm(np.diff(boundary.points[pairs], axis=1)[:, 0], axis=1)
-        joined, more = _joined(joined, pairs[np.argsort(gap, kind="stable")], node)
+        order = np.argsort(gap[near], kind="stable")
+        joined, more = _joined(joined, pairs[near][order], node)
         found += more
 
 
@@ -374,18 +368,6 @@ def _joined(label: Index, pairs: Index, node: Index) -> tuple[Index, list[Index]
             found.append(np.array([[node[a], node[b]]]))
     roots = np.array([root(one) for one in range(len(parent))], np.int64)
     return roots[label], found
-
-
-def _mean_edges(levels: LevelSets) -> FloatArray:
-    """Return the mean length of the edges at each point of the boundary, (p,)."""
-    faces, points = levels.boundary.faces, levels.boundary.points
-    total, number = np.zeros((2, len(points)))
-    for j in range(3):
-        here, there = faces[:, j], faces[:, (j + 1) % 3]
-        length = np.linalg.norm(points[here] - points[there], axis=1)
-        total += np.bincount(here, length, len(points))
-        number += np.bincount(here, minlength=len(points))
-    return np.asarray(total / np.maximum(number, 1))
 
 
 def _nearest_foreign(points: FloatArray, label: Index, used: Index) -> Index:
@@ -436,14 +418,14 @@ class LevelGround(Bound):
     unclear: int
 
     @cached_property
-    def pruned(self) -> tuple[Mask, list[list[int]]]:
-        """The nodes that stay where limbs go that do not stick out, and the chains of them."""
+    def pruned(self) -> list[list[int]]:
+        """The chains of nodes that stay where limbs that do not stick out are left out."""
         return pruned(self.web, self.edges)
 
     @cached_property
     def _measured(self) -> tuple[FloatArray, FloatArray]:
         """Length and radius of the steps along all limbs."""
-        _, rows = self.pruned
+        rows = self.pruned
         links = np.concatenate([np.column_stack([row[:-1], row[1:]]) for row in rows] or [NONE])
         step = np.linalg.norm(np.diff(self.web.nodes[links], axis=1)[:, 0], axis=1)
         width = self.web.widths[links].mean(axis=1)
@@ -528,7 +510,7 @@ def _grown(
 ) -> CurveSkeleton:
     web, edges, surface = ground.web, ground.edges, cloud.surface
     alone = np.bincount(edges.ravel(), minlength=len(web.nodes)) == 0
-    _, rows = ground.pruned if smallest == 0.0 else pruned(web, edges, ground.areas, smallest)
+    rows = ground.pruned if smallest == 0.0 else pruned(web, edges, ground.areas, smallest)
     stays, middles = trimmed(web, rows)
     chains = [_thinned(row[stays[row]], ground.contours) for row in map(np.asarray, rows)]
     links = np.concatenate([np.column_stack([row[:-1], row[1:]]) for row in chains] or [NONE])
@@ -581,8 +563,7 @@ def hanging_areas(graph: CurveSkeleton, areas: FloatArray) -> FloatArray:
     from scipy.sparse.csgraph import breadth_first_order
 
     v = len(graph.nodes)
-    both = np.concatenate([graph.edges, graph.edges[:, ::-1]]).T
-    matrix = weighted_graph(np.ones(both.shape[1]), both[0], both[1], v)
+    matrix = link_matrix(v, graph.edges)
     whole = np.bincount(graph.components, areas)[graph.components]
     order = np.lexsort((-graph.radii, graph.components))
     roots = order[np.unique(graph.components[order], return_index=True)[1]]
@@ -595,7 +576,7 @@ def hanging_areas(graph: CurveSkeleton, areas: FloatArray) -> FloatArray:
 
 
 def _thinned(row: Index, contours: int) -> Index:
-    """Leave out the bands inside of a chain: contours are half a radius apart."""
+    """Leave out the bands inside of a chain: contours are close enough."""
     if len(row) < 6:
         return row
     inner = row[1:-1]

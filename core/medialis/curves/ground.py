@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Index, weighted_graph
+from medialis.base.arrays import Index
 from medialis.base.validation import FloatArray
+from medialis.shape.surface import piece_labels
 
 CELLS = 3.0, 6.0, 12.0, 24.0
 """Sizes of the cells of the height grid that are tried, in spacings: scanners see the ground at a
@@ -85,8 +86,6 @@ def find_ground(points: FloatArray, up: int, spacing: float) -> Ground | None:
 
 def _ground(points: FloatArray, up: int, cell: float, spacing: float) -> Ground | None:
     """Return the ground if it is connected in cells of one size."""
-    from scipy.sparse.csgraph import connected_components
-
     flat, height = np.delete(points, up, axis=1), points[:, up]
     low = flat.min(axis=0)
     index = np.floor((flat - low) / cell).astype(np.int64)
@@ -96,8 +95,7 @@ def _ground(points: FloatArray, up: int, cell: float, spacing: float) -> Ground 
     np.minimum.at(lowest, cell_of, height)
     a, b = _neighbours(keys, across)
     level = np.abs(lowest[a] - lowest[b]) <= STEEPEST * cell
-    links = weighted_graph(np.ones(int(level.sum())), a[level], b[level], len(keys))
-    _, part = connected_components(links, directed=False)
+    part = piece_labels(len(keys), np.column_stack([a[level], b[level]]))
     chosen = part == np.bincount(part).argmax()
     cells = np.flatnonzero(chosen)
     if len(cells) < FEWEST_CELLS:

@@ -29,9 +29,6 @@ LEVELS_A_RADIUS = 3.0
 LONGEST_EDGE = 32.0
 """Maximum number of radii that an edge counts: a tube of a few long triangles is straight."""
 
-PASSES = 2
-"""The second one knows the radii of the limbs from the contours of the first."""
-
 
 @dataclass(frozen=True, eq=False)
 class LevelSets:
@@ -59,6 +56,8 @@ class LevelSets:
         -1 for points without faces.
     band_count : int
         Number of bands; some have no point.
+    spacing : (p,) float64
+        Mean length of the edges at each point.
     """
 
     boundary: SolidBoundary
@@ -71,20 +70,20 @@ class LevelSets:
     bands: Index
     band_of_point: Index
     band_count: int
+    spacing: FloatArray
 
 
 def level_sets(boundary: SolidBoundary) -> LevelSets:
     """Cut the boundary of a solid along levels of the distance from a tip of each piece.
 
-    The radius of a limb is that of a circle with the area of its contours; in a first pass, by
-    which these are found, twice the length of the edges.
+    The radius of a limb is that of a circle with the perimeter of its contours; in a first pass,
+    by which these are found, twice the length of the edges.
     """
     edges, edge_of = _edges(boundary)
-    radii = 2.0 * _mean_lengths(boundary, edges)
-    for _ in range(PASSES):
-        levels = _level_sets(boundary, edges, edge_of, radii)
-        radii = _section_radii(levels, radii)
-    return levels
+    spacing = _mean_lengths(boundary, edges)
+    radii = 2.0 * spacing
+    levels = _level_sets(boundary, edges, edge_of, radii, spacing)
+    return _level_sets(boundary, edges, edge_of, _section_radii(levels, radii), spacing)
 
 
 def _mean_lengths(boundary: SolidBoundary, edges: Index) -> FloatArray:
@@ -110,7 +109,7 @@ def _section_radii(levels: LevelSets, before: FloatArray) -> FloatArray:
 
 
 def _level_sets(
-    boundary: SolidBoundary, edges: Index, edge_of: Index, radii: FloatArray
+    boundary: SolidBoundary, edges: Index, edge_of: Index, radii: FloatArray, spacing: FloatArray
 ) -> LevelSets:
     """Cut the boundary along levels of the distance in given radii (p,)."""
     distance, piece = _distances(boundary, edges, radii)
@@ -138,7 +137,7 @@ def _level_sets(
         of_point[corner] = strip[strips.number(np.arange(len(corner)), own)]
     count = int(strip.max(initial=-1)) + 1
     known = boundary, distance, piece, segments, contour, centers, perimeters
-    return LevelSets(*known, beside, of_point, count)
+    return LevelSets(*known, beside, of_point, count, spacing)
 
 
 def _sorted_faces(faces: Index, value: FloatArray, edge_of: Index) -> tuple[Index, Index, Mask]:

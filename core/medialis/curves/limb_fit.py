@@ -13,7 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, kd_tree, places_along, rows_at, unit_rows
+from medialis.base.arrays import (
+    Index,
+    Mask,
+    kd_tree,
+    perpendicular,
+    places_along,
+    rows_at,
+    unit_rows,
+)
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray
 from medialis.curves._circle_kernels import fit_circles
@@ -197,8 +205,7 @@ def _across(
     at = np.add.reduceat(place, first[:-1]) / np.diff(first)
     ahead, behind = (np.clip(at + s * width, 0.0, along[-1]) for s in (1.0, -1.0))
     ways = unit_rows(rows_at(ahead, along, axis) - rows_at(behind, along, axis))
-    helper = np.eye(3)[np.argmin(np.abs(ways), axis=1)]
-    u = unit_rows(np.cross(ways, helper))
+    u = perpendicular(ways)
     v = np.cross(ways, u)
     away = points - rows_at(np.clip(place, 0.0, along[-1]), along, axis)
     seen = np.stack([np.einsum("na,na->n", away, one[number]) for one in (u, v)], axis=1)

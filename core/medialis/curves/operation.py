@@ -701,8 +701,8 @@ OPERATION = Operation(
     ),
     layers={
         "curve_skeleton": "the graph as lines with radius, branch, importance and persistence",
-        "curve_skeleton_parts": "the surface with the branch and the node of each vertex, and "
-        "where `left_out` is 1 what the graph does not explain",
+        "curve_skeleton_parts": "the surface with the branch and the node of each vertex; "
+        "`left_out` is 1 where the graph does not explain it",
         "curve_skeleton_candidates": "the balls that the graph was chosen from",
         "samples": "the surface as computed on; feature points and sources index its points",
     },

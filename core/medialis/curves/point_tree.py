@@ -19,6 +19,7 @@ import numpy as np
 
 from medialis.base.arrays import Index, Mask, Ragged, kd_tree, sums_of, unit_rows, weighted_graph
 from medialis.base.validation import FloatArray
+from medialis.shape.surface import piece_labels
 
 NEIGHBOURS = 20
 """Links of a point. 6 are within its spacing, about 24 within twice its spacing on a surface."""
@@ -116,14 +117,6 @@ def neighbour_graph(points: FloatArray, known: Directions | None = None) -> Poin
     return PointGraph(points, spacing, a, b, lengths)
 
 
-def _components(count: int, a: Index, b: Index) -> tuple[int, Index]:
-    from scipy.sparse.csgraph import connected_components
-
-    links = weighted_graph(np.ones(len(a)), a, b, count)
-    number, labels = connected_components(links, directed=False)
-    return int(number), labels
-
-
 def _bridges(
     points: FloatArray, tree: object, a: Index, b: Index, known: Directions | None
 ) -> tuple:
@@ -131,8 +124,8 @@ def _bridges(
     added: list[tuple] = []
     while True:
         ends = [np.concatenate([one, *(link[k] for link in added)]) for k, one in enumerate((a, b))]
-        number, labels = _components(len(points), *ends)
-        if number == 1:
+        labels = piece_labels(len(points), np.column_stack(ends)).astype(np.int64)
+        if labels.max() == 0:
             break
         added.append(_cheapest_to_others(points, tree, labels, known))
     if not added:
@@ -315,9 +308,10 @@ def _level_sets(
     level = np.floor(distance / width).astype(np.int64)
     spacing = np.maximum(graph.spacing[graph.a], graph.spacing[graph.b])
     same = (level[graph.a] == level[graph.b]) & (graph.lengths <= LINKED * spacing)
-    number, label = _components(len(distance), graph.a[same], graph.b[same])
+    links = np.column_stack([graph.a[same], graph.b[same]])
+    label = piece_labels(len(distance), links).astype(np.int64)
     order = np.lexsort((distance, label))
-    nearest = order[np.searchsorted(label[order], np.arange(number))]
+    nearest = order[np.searchsorted(label[order], np.arange(label.max() + 1))]
     at_base = before[nearest] == nearest
     parents = np.where(at_base, -1, label[before[nearest]])
     return label, parents, distance[nearest]

@@ -19,7 +19,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from medialis.base.arrays import Index, Mask, kd_tree, places_along, rows_at, unit_rows
+from medialis.base.arrays import (
+    Index,
+    Mask,
+    kd_tree,
+    perpendicular,
+    places_along,
+    rows_at,
+    unit_rows,
+)
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import FloatArray, frozen
 from medialis.curves.ground import Ground, find_ground
@@ -320,7 +328,7 @@ def _hidden_sides(
             places = np.linspace(low, high, 1 + max(1, math.ceil((high - low) / spacing)))
             middle = rows_at(places, fit.along, fit.axis)
             way = unit_rows(middle[-1] - middle[0])
-            u = unit_rows(np.cross(way, np.eye(3)[np.argmin(np.abs(way))]))
+            u = perpendicular(way)
             turn = np.linspace(0.0, 2.0 * np.pi, math.ceil(2.0 * np.pi * fit.radii[k] / spacing))
             ring = np.cos(turn)[:, None] * u + np.sin(turn)[:, None] * np.cross(way, u)
             rings.append((middle[:, None] + fit.radii[k] * ring).reshape(-1, 3))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from medialis.base.arrays import unit_rows
+from medialis.base.arrays import perpendicular
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray
@@ -58,8 +58,7 @@ def sections(
     edge_of = table.edge_of.astype(np.int32)
     points, faces = np.array(surface.points), np.array(surface.faces)
     mesh = Mesh(points, faces, edge_of, len(table.ends), _spheres(points[faces], BLOCK))
-    across = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
-    across = unit_rows(np.cross(normals, across))
+    across = perpendicular(normals)
     frames = np.stack([across, np.cross(normals, across), normals], axis=1)
     turn = np.pi / DIRECTIONS * np.arange(DIRECTIONS)
     ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)

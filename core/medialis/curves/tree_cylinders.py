@@ -22,7 +22,7 @@ from functools import cached_property
 
 import numpy as np
 
-from medialis.base.arrays import Described, places_along, rows_at, unit_rows
+from medialis.base.arrays import Described, places_along, rows_at, unit_rows, weighted_graph
 from medialis.base.errors import InvalidShapeError
 from medialis.base.validation import Directions, FloatArray, IntArray, Positions, frozen
 from medialis.curves.curve_skeleton import CurveSkeleton
@@ -228,12 +228,11 @@ def rooted(graph: CurveSkeleton, root: int) -> tuple[list[list[int]], int]:
 
     Loops are cut at their thinnest edge: what stays is the spanning tree of the thickest.
     """
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree
 
     count, (a, b) = len(graph.nodes), graph.edges.T
     thin = 1.0 / np.maximum(np.minimum(graph.radii[a], graph.radii[b]), 1e-300)
-    kept = minimum_spanning_tree(coo_array((thin / thin.min(), (a, b)), shape=(count, count)))
+    kept = minimum_spanning_tree(weighted_graph(thin / thin.min(), a, b, count))
     order, before = breadth_first_order(kept, root, directed=False)
     after: list[list[int]] = [[] for _ in range(count)]
     for node in order[1:].tolist():

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.arrays import unit_rows
+from medialis.base.arrays import perpendicular
 from medialis.base.options import METERS, file, flag, number
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
@@ -147,7 +147,7 @@ def _panels(tree: TreeCylinders, shape: Shape) -> dict[str, tuple[tuple[str, Lay
     """Return the picture of the cylinders beside the shape."""
     turn = 2.0 * np.pi * np.arange(SIDES) / SIDES
     axes = tree.axes
-    u = unit_rows(np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=1)]))
+    u = perpendicular(axes)
     ring = np.cos(turn)[:, None] * u[:, None] + np.sin(turn)[:, None] * np.cross(axes, u)[:, None]
     ring = tree.radii[:, None, None] * ring
     points = np.stack([tree.starts[:, None] + ring, tree.ends[:, None] + ring], axis=1)

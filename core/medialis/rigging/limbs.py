@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from medialis.base.arrays import follow, kd_tree, places_along, rows_at
+from medialis.base.arrays import follow, kd_tree, places_along, rows_at, weighted_graph
 from medialis.base.validation import FloatArray, IntArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 
@@ -110,14 +110,13 @@ def _roots(curve: CurveSkeleton) -> list[int]:
 
 def shortest_tree(curve: CurveSkeleton) -> tuple[IntArray, list[int]]:
     """Return the node before each one on its shortest path from the root, -1 at roots."""
-    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     v, roots = len(curve.nodes), _roots(curve)
     a, b = curve.edges.T
     # A length of zero would mean no edge.
     weights = np.maximum(curve.edge_lengths, 1e-12 * max(curve.length, 1e-300))
-    graph = coo_array((weights, (a, b)), shape=(v, v)).tocsr()
+    graph = weighted_graph(weights, a, b, v)
     _, above, _ = dijkstra(
         graph, directed=False, indices=roots, min_only=True, return_predecessors=True
     )

@@ -23,7 +23,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from medialis.base.arrays import Described, Index, Mask, sums_of, unit_rows
+from medialis.base.arrays import Described, Index, Mask, next_side, sums_of, unit_rows
 from medialis.base.box_tree import ROUNDING, NearestTree
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import kept
@@ -506,7 +506,7 @@ def chord_heights(surface: Shape) -> FloatArray:
     first, _, _ = surface.edge_table.pairs
     round_ones = first[surface.edge_bends < math.acos(SMOOTH)]
     corners = np.asarray(surface.faces).ravel()
-    a, b = corners[round_ones], corners[round_ones + np.where(round_ones % 3 == 2, -2, 1)]
+    a, b = corners[round_ones], corners[next_side(round_ones)]
     step, turn = surface.points[b] - surface.points[a], surface.normals[b] - surface.normals[a]
     bulge = np.abs(np.einsum("ea,ea->e", step, turn)) / 4.0
     bulge[np.einsum("ea,ea->e", surface.normals[a], surface.normals[b]) < SMOOTH] = 0.0
