@@ -526,7 +526,6 @@ def _grown(
     graph = CurveSkeleton.of(nodes, edges_shown, web.widths[shown], vertex_node=node, cloud=cloud)
     areas = _areas_of(node, surface, len(nodes))
     sure = node_persistence(graph, graph.radii, areas, smallest)
-    sure = np.where(np.isinf(sure), 1.0, sure)  # parts without a limb
     counts = _by_joined_parts(graph, surface, ground.genus)
     evidence = CurveEvidence.of_level_sets(*counts, ground.seams, ground.unclear)
     hangs = hanging_areas(graph, areas)

@@ -55,8 +55,8 @@ def node_persistence(
     -------
     (v,) float64
         Without a unit, above 0; about 1 and more for limbs that were kept. Nodes between limbs have
-        the largest one of their component: they go last. Where nothing branches it is that of
-        the whole component.
+        the largest one of their component: they go last. A component without a limb has that of
+        its whole area, or 1 where no area is asked.
     """
     result, whole = np.full(len(graph.nodes), -1.0), np.bincount(graph.components, areas)
     for branch, row in enumerate(graph.branches):
@@ -79,7 +79,8 @@ def node_persistence(
         result[row] = np.maximum(result[row], sure)
     most = np.full(graph.component_count, -1.0)
     np.maximum.at(most, graph.components, result)
-    most = np.where(most < 0.0, [_times(one, smallest) for one in whole], most)
+    alone = [_times(one, smallest) if smallest > 0.0 else 1.0 for one in whole]
+    most = np.where(most < 0.0, alone, most)
     return frozen(np.where(result < 0.0, most[graph.components], result), np.float64)
 
 
