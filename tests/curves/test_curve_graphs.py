@@ -58,6 +58,19 @@ def test_swc_cuts_loops_says_so_and_closes_them_again(tmp_path):
     assert tree.loops == 0 and tree.component_count == before.component_count
 
 
+def test_swc_makes_one_end_of_each_loop(tmp_path):
+    """A ladder of three loops with a tail at each end."""
+    nodes = [[x, y, 0] for x in range(9) for y in (0, 1)] + [[-1, 0, 0], [9, 0, 0]]
+    sides = [(2 * x + y, 2 * x + 2 + y) for x in range(8) for y in (0, 1)]
+    steps = [(2 * x, 2 * x + 1) for x in (0, 3, 5, 8)]
+    edges = [*sides, *steps, (18, 0), (16, 19)]
+    ladder = CurveSkeleton.of(np.array(nodes, float), np.array(edges), np.full(20, 0.1))
+    assert medialis.write_curve_skeleton(tmp_path / "a.swc", ladder) == 3
+    rows = np.loadtxt(tmp_path / "a.swc")
+    uses = np.bincount(rows[1:, [0, 6]].astype(int).ravel(), minlength=21)
+    assert (uses == 1).sum() <= len(ladder.end_points) + 3
+
+
 def test_swc_of_another_program_is_read(tmp_path):
     (tmp_path / "n.swc").write_text(
         "# neuron\n\n10 1 0 0 0 2.5 -1\n12 3 1 0 0 .5 10\n 7 3 1 1 0 .5 12\n"

@@ -59,19 +59,19 @@ class Tree:
 
 
 def tree_of(graph: CurveSkeleton) -> Tree:
-    """Return a curve skeleton as a tree. Roots are ends of branches where there are any."""
+    """Return a curve skeleton as a tree. Roots are ends of branches where there are any.
+
+    Loops are cut beside a fork, so that each makes one end and not two.
+    """
     near, number, parent = graph.neighbours, dict[int, int](), dict[int, int]()
     for root in [*graph.end_points.tolist(), *range(len(graph.nodes))]:
-        if root in number:
-            continue
-        number[root], parent[root] = len(number) + 1, -1
-        waiting = [root]
+        waiting = [(root, -1)]
         while waiting:  # depth first: a branch stays together
-            node = waiting.pop()
-            for other in near[node]:
-                if other not in number:
-                    number[other], parent[other] = len(number) + 1, number[node]
-                    waiting.append(other)
+            node, before = waiting.pop()
+            if node in number:
+                continue
+            number[node], parent[node] = len(number) + 1, before
+            waiting += [(other, number[node]) for other in near[node] if other not in number]
     cut = [
         (number[a], number[b])
         for a, b in graph.edges.tolist()
