@@ -156,6 +156,16 @@ class LimbFit:
     extent: tuple[float, float]
     distance: float
 
+    @property
+    def lengths(self) -> FloatArray:
+        """Length of each window, (w,)."""
+        between = 0.5 * (self.at[1:] + self.at[:-1])
+        return np.diff(np.concatenate([self.extent[:1], between, self.extent[1:]]))
+
+    def middles(self) -> FloatArray:
+        """Return the places of the windows in space, (w, 3)."""
+        return rows_at(np.clip(self.at, 0.0, self.along[-1]), self.along, self.axis)
+
     def measured(self, noise: float) -> Mask:
         """Return the windows whose radius can be relied on, given the noise of the scan."""
         with np.errstate(invalid="ignore"):

@@ -129,6 +129,7 @@ def _of_cloud(
     quality = {
         "explained_percent": 100 * model.explained,
         "measured_percent": 100 * model.measured,
+        "volume_error_percent": 100 * model.volume_error,
         "noise": model.noise,
         "spacing": model.spacing,
         "points_used": model.points,
