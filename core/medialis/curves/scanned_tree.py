@@ -44,8 +44,8 @@ from medialis.curves.point_tree import (
 )
 from medialis.curves.tree_cylinders import LEAVING, TreeCylinders
 
-MAX_POINTS = 150_000
-"""Points beyond which a cloud is thinned: radii of 1,500 limbs with 100 points each."""
+MAX_POINTS = 100_000
+"""Points beyond which a cloud is thinned: radii of 1,000 limbs with 100 points each."""
 
 EXACT = 1e-6
 """Residuals below this fraction of the size are rounding, not noise."""
@@ -157,7 +157,7 @@ def scanned_tree(
     Parameters
     ----------
     points : (n, 3) float64
-        Near the origin. More than 150,000 are thinned.
+        Near the origin. More than 100,000 are thinned.
     up : int
         The axis that points up: the tree begins at its lowest points.
     root : (3,) float64, optional
@@ -172,7 +172,7 @@ def scanned_tree(
 
     Notes
     -----
-    Cost: O(n log n) for n points up to 150,000.
+    Cost: O(n log n) for n points up to 100,000.
     Source: not in the thesis. Level sets of the geodesic distance: Xu, Gossett and Chen 2007;
     cylinders from robust fits with a taper: TreeQSM (Raumonen et al. 2013).
     """
@@ -287,12 +287,14 @@ def _limb(
     following = sorted({c for s in path for c in sections.children[s]} - set(path))
     own: list[int] = []
     others: list[int] = []
-    for _ in range(2):
+    for again in (True, False):
         rows = sections.rows.joined([*path, *own])
         fitted = rows[real[rows]]
         fit = fit_limb(graph.points[fitted if len(fitted) else rows], axis, width, floor)
         inner = fit.profile()
         own, others = _taken(graph, sections, following, fit, inner, spacing)
+        if not (own and again):
+            break
         axis = fit.axis
     return _Limb(fit, -1, 0.0, fitted.astype(np.int64), inner), others
 
