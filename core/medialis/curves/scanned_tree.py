@@ -346,22 +346,27 @@ def _judge(limbs: list[_Limb], noise: float) -> None:
     A section that is seen has points in proportion to its radius and its length. A circle through
     a few scattered points may fit them well, but it would have many more.
     """
-    measured = [limb.fit.measured(noise) for limb in limbs]
-    middles = [limb.fit.middles() for limb in limbs]
-    lengths = [np.maximum(limb.fit.lengths, 1e-300) for limb in limbs]
-    dense = [m & (limb.fit.inliers >= DENSE_POINTS) for m, limb in zip(measured, limbs, strict=True)]
-    density = np.concatenate([
-        (limb.fit.inliers / (limb.fit.radii * length))[one]
-        for limb, length, one in zip(limbs, lengths, dense, strict=True)
-    ])  # fmt: skip
-    known_at = kd_tree(np.concatenate([m[one] for m, one in zip(middles, dense, strict=True)]))
-    for limb, place, length, sound in zip(limbs, middles, lengths, measured, strict=True):
-        limb.known, limb.most = sound, np.full(len(place), np.inf)
-        if len(density) >= DENSE_WINDOWS:
-            rows = known_at.query(place, k=DENSE_WINDOWS)[1]
-            usual = np.median(density[rows], axis=1)
-            limb.most = SPARSE * limb.fit.points / (length * usual)
-            limb.known = sound & (np.nan_to_num(limb.fit.radii) <= limb.most)
+    places, usual = _dense_windows(limbs, noise)
+    tree = kd_tree(places) if len(places) >= DENSE_WINDOWS else None
+    for limb in limbs:
+        fit = limb.fit
+        limb.most = np.full(len(fit.at), np.inf)
+        if tree is not None:
+            rows = tree.query(fit.middles(), k=DENSE_WINDOWS)[1]
+            lengths = np.maximum(fit.lengths, 1e-300)
+            limb.most = SPARSE * fit.points / (lengths * np.median(usual[rows], axis=1))
+        limb.known = fit.measured(noise) & (np.nan_to_num(fit.radii) <= limb.most)
+
+
+def _dense_windows(limbs: list[_Limb], noise: float) -> tuple[FloatArray, FloatArray]:
+    """Return where windows of many points are, (m, 3), and their points per radius and length."""
+    places, densities = [np.empty((0, 3))], [np.empty(0)]
+    for limb in limbs:
+        fit = limb.fit
+        dense = fit.measured(noise) & (fit.inliers >= DENSE_POINTS)
+        places.append(fit.middles()[dense])
+        densities.append(fit.inliers[dense] / (fit.radii[dense] * fit.lengths[dense]))
+    return np.concatenate(places), np.concatenate(densities)
 
 
 def _hidden_sides(limbs: list[_Limb], points: FloatArray, spacing: float) -> FloatArray:
@@ -385,9 +390,7 @@ def _hidden_sides(limbs: list[_Limb], points: FloatArray, spacing: float) -> Flo
     return every[away > spacing]
 
 
-def _distinct(
-    limbs: list[_Limb], points: FloatArray, noise: float, spacing: float
-) -> list[_Limb]:
+def _distinct(limbs: list[_Limb], points: FloatArray, noise: float, spacing: float) -> list[_Limb]:
     """Return the limbs without tips that are strays, or mostly inside of another limb."""
     middles = [0.5 * (limb.fit.axis[1:] + limb.fit.axis[:-1]) for limb in limbs]
     along = [0.5 * (limb.fit.along[1:] + limb.fit.along[:-1]) for limb in limbs]
