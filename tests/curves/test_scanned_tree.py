@@ -248,6 +248,12 @@ def test_thinning_keeps_one_point_of_each_cell():
     assert np.array_equal(thinned(points, 5000), np.arange(5000))
 
 
+def test_ground_alone_says_so():
+    flat = np.random.default_rng(0).uniform(size=(300, 2))
+    with pytest.raises(medialis.InvalidShapeError, match="less than 20 points above"):
+        scanned_tree(np.column_stack([flat, np.zeros(300)]))
+
+
 @pytest.mark.parametrize("points", [np.zeros((100, 3)), np.eye(3)])
 def test_too_few_points_say_so(points):
     with pytest.raises(medialis.InvalidShapeError, match="distinct points"):

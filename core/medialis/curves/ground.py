@@ -65,8 +65,9 @@ class Ground:
         from medialis.base.arrays import kd_tree
 
         flat = (np.delete(points, self.up, axis=1) - self.low) / self.cell - 0.5
-        rows = kd_tree(self.cells.astype(np.float64)).query(flat, k=min(4, len(self.cells)))[1]
-        return np.asarray(np.median(self.heights[rows.reshape(len(points), -1)], axis=1))
+        count = min(4, len(self.cells))
+        rows = kd_tree(self.cells.astype(np.float64)).query(flat, k=count)[1]
+        return np.asarray(np.median(self.heights[rows.reshape(len(points), count)], axis=1))
 
     def holds(self, points: FloatArray) -> FloatArray:
         """Return the points (n,) on the ground or below it."""
