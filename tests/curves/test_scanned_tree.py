@@ -169,7 +169,7 @@ def test_a_circle_through_few_scattered_points_measures_nothing():
 
 
 def test_a_limb_of_few_points_has_no_radius():
-    points = ring(0.05, 15, np.random.default_rng(0))
+    points = ring(0.05, 9, np.random.default_rng(0))
     fit = fit_limb(points, np.array([[0, 0, 0], [0, 0, 4.0]]), 0.1, 1e-9)
     assert np.isnan(fit.radii).all() and not fit.measured(0.002).any()
     assert fit.lengths.sum() == pytest.approx(np.ptp(points[:, 2]))

@@ -32,7 +32,7 @@ DRAWS = 120
 ROUNDS = 3
 """Fits of the windows, each about the axis of the one before."""
 
-POINTS_A_ROUND = 20
+POINTS_A_ROUND = 10
 """A limb needs so many points for each round: circles of few windows do not improve its axis."""
 
 WINDOW = 2.0

@@ -63,6 +63,9 @@ residuals, and in spacings."""
 LIMB_POINTS = 4
 """Minimum number of points of a limb without branches: fewer may be strays."""
 
+AGAIN_POINTS = 50
+"""A limb of so many points is fitted again from its new axis though no sections were added."""
+
 APART = 8.0
 """Maximum mean distance of points along a limb without branches, in spacings: strays are farther
 apart. So a limb is seen if its radius is more than 1/16 of the spacing."""
@@ -287,13 +290,13 @@ def _limb(
     following = sorted({c for s in path for c in sections.children[s]} - set(path))
     own: list[int] = []
     others: list[int] = []
-    for again in (True, False):
+    for _ in range(2):
         rows = sections.rows.joined([*path, *own])
         fitted = rows[real[rows]]
         fit = fit_limb(graph.points[fitted if len(fitted) else rows], axis, width, floor)
         inner = fit.profile()
         own, others = _taken(graph, sections, following, fit, inner, spacing)
-        if not (own and again):
+        if not own and len(fitted) < AGAIN_POINTS:
             break
         axis = fit.axis
     return _Limb(fit, -1, 0.0, fitted.astype(np.int64), inner), others
