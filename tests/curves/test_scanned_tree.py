@@ -9,7 +9,7 @@ from medialis.cli.display import summary_lines
 from medialis.curves.ground import Ground, find_ground
 from medialis.curves.limb_fit import falling, fit_limb
 from medialis.curves.point_tree import Sections, neighbour_graph, thinned
-from medialis.curves.scanned_tree import ScannedTree, _judge, _Limb, scanned_tree
+from medialis.curves.scanned_tree import ScannedTree, _cylinders, _judge, _Limb, scanned_tree
 from medialis.curves.tree_operation import _warn_of_scan
 from tree_scans import forked, grown, scanned
 
@@ -166,6 +166,21 @@ def test_a_circle_through_few_scattered_points_measures_nothing():
     thick, few, thin = limbs
     assert thick.known.mean() > 0.9 and not few.known.any() and thin.known.any()
     assert (few.most < 0.1).all() and (thin.most > 0.03).all()
+
+
+def test_a_limb_that_goes_on_straight_beyond_its_parent_keeps_its_length():
+    """The parent was taken for endless, with the upper half of a trunk inside of it (fixed)."""
+    rng = np.random.default_rng(0)
+    points, axis = ring(0.2, 3000, rng), np.array([[0, 0, 0], [0, 0, 4.0]])
+    limbs = []
+    for number in range(2):
+        lift = np.array([0.0, 0.0, 4.0 * number])
+        fit = fit_limb(points + lift, axis + lift, 0.1, 1e-9)
+        limbs.append(_Limb(fit, number - 1, 4.0 * number, np.arange(3000), fit.profile()))
+        limbs[-1].radii = fit.profile()
+    tree = _cylinders(limbs, 3.0, 0.1)
+    assert tree.lengths.sum() == pytest.approx(8.0, rel=0.02)
+    assert tree.branches.max() == 1
 
 
 def test_a_limb_of_few_points_has_no_radius():

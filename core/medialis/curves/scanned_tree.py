@@ -3,13 +3,15 @@
 1. `_limbs`: from the root up, a limb is fitted to the points of its sections (`limb_fit.py`).
    Sections beside it that are inside of it, or too short to be limbs, are its own; the others
    begin limbs that grow from it.
-2. `_hidden_sides`: a scanner sees one side. What grows from the hidden side has no link to the limb
+2. `_judge`: a radius is measured if a circle fits and its section has about as many points as
+   others nearby have for such a radius: scattered points have circles that fit, but too large ones.
+3. `_hidden_sides`: a scanner sees one side. What grows from the hidden side has no link to the limb
    that it grows from, so where the radius is known the hidden side is filled with points, and
    sections are computed again. Those points join parts and measure nothing.
-3. `_set_radii`: radii that cannot be measured follow the pipe model (Shinozaki et al. 1964): the
+4. `_set_radii`: radii that cannot be measured follow the pipe model (Shinozaki et al. 1964): the
    area of a section is proportional to the length of all that grows from it. The factor is the
    median of the measured ones. Radii never grow along a limb, nor from one to the next.
-4. `_cylinders`: limbs are cut into cylinders; a branch begins at the surface of its parent.
+5. `_cylinders`: limbs are cut into cylinders; a branch begins at the surface of its parent.
 """
 
 from __future__ import annotations
@@ -549,7 +551,8 @@ def _cut(limb: _Limb, parent: _Limb | None, length: float, width: float, first: 
     begin, end = min(fit.extent[0], 0.0), max(fit.extent[1], fit.along[-1])
     if parent is not None:
         place, away = onto(axis, parent.fit.axis)
-        over = away - np.interp(place, parent.fit.at, parent.radii)
+        last = max(parent.fit.extent[1], parent.fit.along[-1])  # it ends there: no tube goes on
+        over = np.maximum(away - np.interp(place, parent.fit.at, parent.radii), place - last)
         out = int(np.argmax(over > 0)) if (over > 0).any() else len(axis) // 2
         if out > 0:
             begin = float(np.interp(0.0, over[out - 1 : out + 1], fit.along[out - 1 : out + 1]))

@@ -48,6 +48,9 @@ MIN_EXPLAINED = 0.95
 MAX_VOLUME_ERROR = 0.15
 """Relative error of the volume of a scan from which on it is told in a warning."""
 
+GUESSED = 1.0
+"""Relative error of the volume beyond which it is a guess."""
+
 SIDES = 12
 """Sides of a cylinder in pictures."""
 
@@ -152,10 +155,10 @@ def _of_cloud(
 
 def _warn_of_scan(model: ScannedTree, progress: Progress) -> None:
     """Tell how far a model may be from the tree."""
-    if model.measured == 0.0:
+    if model.volume_error > GUESSED:
         text = (
-            f"No radius could be measured: points are {model.spacing:.2g} apart. Radii and volumes "
-            "are guesses; a denser scan is needed."
+            f"Hardly any radius could be measured: points are {model.spacing:.2g} apart. Radii and "
+            "volume are guesses; a denser scan is needed."
         )
         progress.warn(text, "radii_unmeasured", spacing=model.spacing)
     elif model.volume_error > MAX_VOLUME_ERROR:
