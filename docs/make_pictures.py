@@ -546,15 +546,13 @@ def centerline() -> Image:
 
 
 def tree_cylinders() -> Image:
-    """Draw the cylinders of a generated tree: their orders, their radii, and those of a cloud."""
+    """Draw the points of a generated scan, and its cylinders beside them."""
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-    from trees import known_tree, meshed
+    from tree_scans import grown, scanned
 
-    tree = replace(meshed(known_tree(3, 25), 0.05), up="z")
-    seen = tree.points[:, 2] > 0.5
-    cloud = replace(medialis.make_shape(tree.points[seen], None, tree.normals[seen]), up="z")
-    shown = [medialis.run("tree_cylinders", tree), medialis.run("tree_cylinders", cloud)]
-    return _sheet(shown, ["a mesh: orders of branches", "a cloud, open below"], 2)
+    points = scanned(grown(3, 14), 25_000, positions=3, noise=0.003, occluded=True)
+    cloud = replace(medialis.make_shape(points, unit="m"), up="z")
+    return draw_panels(medialis.run("tree_cylinders", cloud), "cylinders", size=WIDTH // 2)
 
 
 ARM = (

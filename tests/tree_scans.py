@@ -114,11 +114,27 @@ def sampled(limbs, count, rng):
     return points[~hidden], normals[~hidden]
 
 
-def scanned(limbs, count, *, positions=0, seed=0, noise=0.0, shift=0.0, ground=0.0, strays=0):
+def in_front(points, eye, angle=0.01):
+    """Whether nothing is before each point: a depth buffer whose pixels have an angle."""
+    way = points - eye
+    away = np.linalg.norm(way, axis=1)
+    pixel = np.floor(
+        [np.arctan2(way[:, 1], way[:, 0]) / angle, np.arcsin(way[:, 2] / away) / angle]
+    )
+    _, pixel = np.unique(pixel, axis=1, return_inverse=True)
+    nearest = np.full(len(points), np.inf)
+    np.minimum.at(nearest, pixel.ravel(), away)
+    return away < nearest[pixel.ravel()] + 4.0 * angle * away
+
+
+def scanned(
+    limbs, count, *, positions=0, seed=0, noise=0.0, shift=0.0, ground=0.0, strays=0, occluded=False
+):
     """About so many points seen from so many positions around the tree; 0: from everywhere.
 
     `shift` is the registration error of each position, `ground` the half side of a square of
-    ground, `strays` a number of points inside of the trunk.
+    ground, `strays` a number of points inside of the trunk; `occluded`: without what is behind
+    something else.
     """
     rng, parts = np.random.default_rng(seed), []
     for k in range(max(positions, 1)):
@@ -130,8 +146,11 @@ def scanned(limbs, count, *, positions=0, seed=0, noise=0.0, shift=0.0, ground=0
             normals = np.concatenate([normals, np.tile([0.0, 0.0, 1.0], (len(flat), 1))])
         if positions:
             turn = 2 * np.pi * k / positions + 0.3
-            view = np.array([12 * np.cos(turn), 12 * np.sin(turn), 1.5]) - points
+            eye = np.array([12 * np.cos(turn), 12 * np.sin(turn), 1.5])
+            view = eye - points
             seen = np.einsum("na,na->n", view, normals) > 0.05 * np.linalg.norm(view, axis=1)
+            if occluded:
+                seen &= in_front(points, eye)
             points = points[seen]
         error = rng.normal(size=3)
         parts.append(points + shift * error / np.linalg.norm(error))

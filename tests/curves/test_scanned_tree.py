@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.curves.ground import find_ground
+from medialis.base.progress import Progress
+from medialis.cli.display import summary_lines
+from medialis.curves.ground import Ground, find_ground
 from medialis.curves.limb_fit import falling, fit_limb
 from medialis.curves.point_tree import Sections, neighbour_graph, thinned
-from medialis.curves.scanned_tree import scanned_tree
+from medialis.curves.scanned_tree import ScannedTree, _cylinders, _judge, _Limb, scanned_tree
+from medialis.curves.tree_operation import _warn_of_scan
 from tree_scans import forked, grown, scanned
 
 FORK = forked()
@@ -74,6 +77,16 @@ def test_the_ground_is_left_out_and_the_trunk_begins_on_it():
     assert tree.starts[0, 2] == pytest.approx(0.0, abs=0.1)
 
 
+def test_what_ends_just_above_the_ground_belongs_to_it():
+    """Points left on rough ground were limbs across it: 55 % of the volume (fixed)."""
+    cells = np.stack(np.meshgrid(np.arange(40), np.arange(40), indexing="ij"), -1).reshape(-1, 2)
+    ground = Ground(2, np.zeros(2), 0.1, cells, np.zeros(len(cells)), 0.05)
+    post = np.column_stack([np.full((60, 2), 2.05), np.linspace(0.06, 3, 60)])
+    grass = np.random.default_rng(0).uniform([0.5, 0.5, 0.06], [1, 1, 0.15], (50, 3))
+    low = ground.low_parts(np.concatenate([post, grass]))
+    assert not low[:60].any() and low[60:].all()
+
+
 def test_a_tree_without_ground_has_none():
     points = scanned(FORK, 3000, noise=0.003)
     assert find_ground(points, 2, 0.05) is None
@@ -135,6 +148,97 @@ def test_a_section_has_one_parent_and_gaps_are_bridged():
     assert len(sections.path(sections.root())) > 0.8 * 6.0 / 0.15
 
 
+def ring(radius, count, rng, noise=0.002):
+    turn, place = rng.uniform(0, 2 * np.pi, count), rng.uniform(0, 4, count)
+    points = np.stack([radius * np.cos(turn), radius * np.sin(turn), place], axis=1)
+    return points + noise * rng.normal(size=points.shape)
+
+
+def test_a_circle_through_few_scattered_points_measures_nothing():
+    """Ten scattered points have a circle that fits; a limb so thick would have hundreds."""
+    rng, axis = np.random.default_rng(0), np.array([[0, 0, 0], [0, 0, 4.0]])
+    limbs = [
+        _Limb(fit_limb(points, axis, 0.1, 1e-9), -1, 0.0, np.arange(len(points)), np.ones(1))
+        for points in (ring(0.2, 6000, rng), ring(0.3, 60, rng), ring(0.03, 600, rng))
+    ]
+    assert limbs[1].fit.measured(0.002).any()
+    _judge(limbs, 0.002)
+    thick, few, thin = limbs
+    assert thick.known.mean() > 0.9 and not few.known.any() and thin.known.any()
+    assert (few.most < 0.1).all() and (thin.most > 0.03).all()
+
+
+def test_a_limb_that_goes_on_straight_beyond_its_parent_keeps_its_length():
+    """The parent was taken for endless, with the upper half of a trunk inside of it (fixed)."""
+    rng = np.random.default_rng(0)
+    points, axis = ring(0.2, 3000, rng), np.array([[0, 0, 0], [0, 0, 4.0]])
+    limbs = []
+    for number in range(2):
+        lift = np.array([0.0, 0.0, 4.0 * number])
+        fit = fit_limb(points + lift, axis + lift, 0.1, 1e-9)
+        limbs.append(_Limb(fit, number - 1, 4.0 * number, np.arange(3000), fit.profile()))
+        limbs[-1].radii = fit.profile()
+    tree = _cylinders(limbs, 3.0, 0.1)
+    assert tree.lengths.sum() == pytest.approx(8.0, rel=0.02)
+    assert tree.branches.max() == 1
+
+
+def test_a_limb_of_few_points_has_no_radius():
+    points = ring(0.05, 9, np.random.default_rng(0))
+    fit = fit_limb(points, np.array([[0, 0, 0], [0, 0, 4.0]]), 0.1, 1e-9)
+    assert np.isnan(fit.radii).all() and not fit.measured(0.002).any()
+    assert fit.lengths.sum() == pytest.approx(np.ptp(points[:, 2]))
+
+
+@pytest.mark.slow
+def test_strays_far_apart_are_no_limb():
+    away = np.column_stack([np.linspace(1, 4, 5), np.zeros(5), np.full(5, 1.0)])
+    points = np.concatenate([scanned(FORK, 3000, noise=0.003), away])
+    tree = scanned_tree(points).cylinders
+    assert len(tree.first) == 3
+    assert tree.lengths.sum() == pytest.approx(LENGTH, rel=0.05)
+
+
+@pytest.mark.slow
+def test_one_position_with_occlusion():
+    """Of what is behind something only parts are seen: the length is less sure than the volume."""
+    limbs = grown(3, 14)
+    seen = {"positions": 1, "occluded": True, "noise": 0.003, "ground": 4.0}
+    model = scanned_tree(scanned(limbs, 10000, **seen))
+    tree = model.cylinders
+    assert is_a_tree(tree)
+    assert tree.volumes.sum() == pytest.approx(sum(limb.volume for limb in limbs), rel=0.10)
+    assert tree.lengths.sum() == pytest.approx(sum(limb.length for limb in limbs), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("measured", "error", "code", "words"),
+    [
+        (0.0, 2.0, "radii_unmeasured", "points are 0.4 apart"),
+        (0.3, 0.27, "volume_uncertain", "off by 27 %: 30 % of the length"),
+        (0.6, 0.08, None, ""),
+    ],
+)
+def test_a_volume_that_cannot_be_known_says_so(measured, error, code, words):
+    """A tree of 200 points had 100 times its volume, and nothing said so (fixed)."""
+    progress = Progress()
+    _warn_of_scan(ScannedTree(None, 200, 0, 0.4, 0.01, 0.99, measured, error), progress)
+    assert [m.code for m in progress.messages] == ([code] if code else [])
+    assert all(words in m and len(m) <= 160 for m in progress.messages)
+
+
+@pytest.mark.slow
+def test_a_cloud_is_told_nothing_of_normals_and_lengths_it_does_not_need(tmp_path):
+    cloud = medialis.make_shape(scanned(FORK, 2000, noise=0.003), unit="m")
+    result = medialis.run("tree_cylinders", cloud)
+    written = medialis.write_result(
+        result, tmp_path / "out", pictures=medialis.Pictures(main=False)
+    )
+    assert not [m for m in result.messages if m.code == "automatic"]
+    lines = [*summary_lines(written, 100)]
+    assert not [line for line in lines if line.startswith("note:")]
+
+
 def test_half_a_circle_is_enough_for_a_radius():
     rng = np.random.default_rng(0)
     turn, place = rng.uniform(0, np.pi, 400), rng.uniform(0, 1, 400)
@@ -157,6 +261,12 @@ def test_thinning_keeps_one_point_of_each_cell():
     rows = thinned(points, 1000)
     assert 800 < len(rows) <= 1000 and len(np.unique(rows)) == len(rows)
     assert np.array_equal(thinned(points, 5000), np.arange(5000))
+
+
+def test_ground_alone_says_so():
+    flat = np.random.default_rng(0).uniform(size=(300, 2))
+    with pytest.raises(medialis.InvalidShapeError, match="less than 20 points above"):
+        scanned_tree(np.column_stack([flat, np.zeros(300)]))
 
 
 @pytest.mark.parametrize("points", [np.zeros((100, 3)), np.eye(3)])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from medialis.base.arrays import Index
+from medialis.base.arrays import Index, Mask
 from medialis.base.validation import FloatArray
 from medialis.shape.surface import piece_labels
 
@@ -65,12 +65,30 @@ class Ground:
         from medialis.base.arrays import kd_tree
 
         flat = (np.delete(points, self.up, axis=1) - self.low) / self.cell - 0.5
-        rows = kd_tree(self.cells.astype(np.float64)).query(flat, k=min(4, len(self.cells)))[1]
-        return np.asarray(np.median(self.heights[rows.reshape(len(points), -1)], axis=1))
+        count = min(4, len(self.cells))
+        rows = kd_tree(self.cells.astype(np.float64)).query(flat, k=count)[1]
+        return np.asarray(np.median(self.heights[rows.reshape(len(points), count)], axis=1))
 
     def holds(self, points: FloatArray) -> FloatArray:
         """Return the points (n,) on the ground or below it."""
         return np.asarray(points[:, self.up] - self.under(points) <= self.margin)
+
+    def low_parts(self, points: FloatArray) -> Mask:
+        """Return the points (n,) of what ends just above the ground: grass, stones, rough ground.
+
+        Points below the upper bound of `ABOVE` are connected where their cells touch. What stands
+        on the ground has points above the lower bound.
+        """
+        over = (points[:, self.up] - self.under(points)) / self.cell
+        low = np.flatnonzero(over < ABOVE[1])
+        result = np.zeros(len(points), bool)
+        if len(low):
+            keys, cell_of, across = _cells(np.delete(points[low], self.up, axis=1), self.cell)
+            part = piece_labels(len(keys), np.column_stack(_neighbours(keys, across)))[cell_of]
+            top = np.full(len(keys), -np.inf)
+            np.maximum.at(top, part, over[low])
+            result[low] = top[part] < ABOVE[0]
+        return result
 
 
 def find_ground(points: FloatArray, up: int, spacing: float) -> Ground | None:
@@ -87,10 +105,7 @@ def find_ground(points: FloatArray, up: int, spacing: float) -> Ground | None:
 def _ground(points: FloatArray, up: int, cell: float, spacing: float) -> Ground | None:
     """Return the ground if it is connected in cells of one size."""
     flat, height = np.delete(points, up, axis=1), points[:, up]
-    low = flat.min(axis=0)
-    index = np.floor((flat - low) / cell).astype(np.int64)
-    across = int(index[:, 1].max()) + 2
-    keys, cell_of = np.unique(index[:, 0] * across + index[:, 1], return_inverse=True)
+    keys, cell_of, across = _cells(flat, cell)
     lowest = np.full(len(keys), np.inf)
     np.minimum.at(lowest, cell_of, height)
     a, b = _neighbours(keys, across)
@@ -103,12 +118,20 @@ def _ground(points: FloatArray, up: int, cell: float, spacing: float) -> Ground 
     steps = np.abs(lowest[a] - lowest[b])[level & chosen[a]]
     margin = min(cell, max(2.0 * spacing, ROUGH * float(np.median(steps))))
     grid = np.stack([keys[cells] // across, keys[cells] % across], axis=1)
-    ground = Ground(up, low, cell, grid, lowest[cells], margin)
+    ground = Ground(up, flat.min(axis=0), cell, grid, lowest[cells], margin)
     over = height - ground.under(points)
     standing = chosen[cell_of] & (over > ABOVE[0] * cell) & (over < ABOVE[1] * cell)
     occupied = len(np.unique(cell_of[standing]))
     below = float((over < -cell).mean())
     return ground if len(cells) >= LARGER * max(occupied, 1) and below < BELOW else None
+
+
+def _cells(flat: FloatArray, cell: float) -> tuple[Index, Index, int]:
+    """Return the sorted keys of occupied cells, the row of each point's, and the keys of a row."""
+    index = np.floor((flat - flat.min(axis=0)) / cell).astype(np.int64)
+    across = int(index[:, 1].max()) + 2
+    keys, cell_of = np.unique(index[:, 0] * across + index[:, 1], return_inverse=True)
+    return keys, cell_of, across
 
 
 def _neighbours(keys: Index, across: int) -> tuple[Index, Index]:

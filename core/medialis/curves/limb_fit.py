@@ -32,6 +32,9 @@ DRAWS = 120
 ROUNDS = 3
 """Fits of the windows, each about the axis of the one before."""
 
+POINTS_A_ROUND = 10
+"""A limb needs so many points for each round: circles of few windows do not improve its axis."""
+
 WINDOW = 2.0
 """Length of a window in distances of its points from the axis."""
 
@@ -156,6 +159,16 @@ class LimbFit:
     extent: tuple[float, float]
     distance: float
 
+    @property
+    def lengths(self) -> FloatArray:
+        """Length of each window, (w,)."""
+        between = 0.5 * (self.at[1:] + self.at[:-1])
+        return np.diff(np.concatenate([self.extent[:1], between, self.extent[1:]]))
+
+    def middles(self) -> FloatArray:
+        """Return the places of the windows in space, (w, 3)."""
+        return rows_at(np.clip(self.at, 0.0, self.along[-1]), self.along, self.axis)
+
     def measured(self, noise: float) -> Mask:
         """Return the windows whose radius can be relied on, given the noise of the scan."""
         with np.errstate(invalid="ignore"):
@@ -227,9 +240,13 @@ def fit_limb(
     floor : float
         Standard deviation of residuals below which points count as exact.
     rounds : int
-        Fits, each about the axis of the one before.
+        Maximum number of fits, each about the axis of the one before. A limb of few points has
+        fewer, or none: then no radius is measured.
     """
     draws = np.random.default_rng(0).random((DRAWS, 3))
+    rounds = min(rounds, len(points) // POINTS_A_ROUND)
+    if rounds == 0:
+        return _unmeasured(points, axis)
     for left in range(rounds - 1, -1, -1):
         place, away = onto(points, axis)
         order = np.argsort(place, kind="stable")
@@ -245,6 +262,16 @@ def fit_limb(
         axis = _moved(axis, at[sound], shift, radii[sound], width)
     extent = float(place.min()), float(place.max())
     measures = radii, errors, noise, np.diff(first).astype(np.float64), inliers
+    return LimbFit(axis, places_along(axis), at, *measures, extent, float(np.median(away)))
+
+
+def _unmeasured(points: FloatArray, axis: FloatArray) -> LimbFit:
+    """Return a limb of one window without a circle."""
+    place, away = onto(points, axis)
+    extent = float(place.min()), float(place.max())
+    at, unknown = np.array([0.5 * (extent[0] + extent[1])]), np.full(1, np.nan)
+    counts = np.full(1, float(len(points))), np.zeros(1)
+    measures = unknown, unknown, unknown, *counts
     return LimbFit(axis, places_along(axis), at, *measures, extent, float(np.median(away)))
 
 

@@ -3,13 +3,15 @@
 1. `_limbs`: from the root up, a limb is fitted to the points of its sections (`limb_fit.py`).
    Sections beside it that are inside of it, or too short to be limbs, are its own; the others
    begin limbs that grow from it.
-2. `_hidden_sides`: a scanner sees one side. What grows from the hidden side has no link to the limb
+2. `_judge`: a radius is measured if a circle fits and its section has about as many points as
+   others nearby have for such a radius: scattered points have circles that fit, but too large ones.
+3. `_hidden_sides`: a scanner sees one side. What grows from the hidden side has no link to the limb
    that it grows from, so where the radius is known the hidden side is filled with points, and
    sections are computed again. Those points join parts and measure nothing.
-3. `_set_radii`: radii that cannot be measured follow the pipe model (Shinozaki et al. 1964): the
+4. `_set_radii`: radii that cannot be measured follow the pipe model (Shinozaki et al. 1964): the
    area of a section is proportional to the length of all that grows from it. The factor is the
    median of the measured ones. Radii never grow along a limb, nor from one to the next.
-4. `_cylinders`: limbs are cut into cylinders; a branch begins at the surface of its parent.
+5. `_cylinders`: limbs are cut into cylinders; a branch begins at the surface of its parent.
 """
 
 from __future__ import annotations
@@ -44,8 +46,8 @@ from medialis.curves.point_tree import (
 )
 from medialis.curves.tree_cylinders import LEAVING, TreeCylinders
 
-MAX_POINTS = 150_000
-"""Points beyond which a cloud is thinned: radii of 1,500 limbs with 100 points each."""
+MAX_POINTS = 100_000
+"""Points beyond which a cloud is thinned: radii of 1,000 limbs with 100 points each."""
 
 EXACT = 1e-6
 """Residuals below this fraction of the size are rounding, not noise."""
@@ -62,6 +64,19 @@ residuals, and in spacings."""
 
 LIMB_POINTS = 4
 """Minimum number of points of a limb without branches: fewer may be strays."""
+
+AGAIN_POINTS = 50
+"""A limb of so many points is fitted again from its new axis though no sections were added."""
+
+APART = 8.0
+"""Maximum mean distance of points along a limb without branches, in spacings: strays are farther
+apart. So a limb is seen if its radius is more than 1/16 of the spacing."""
+
+DENSE_POINTS, DENSE_WINDOWS = 30, 8
+"""Windows with so many points say how dense points are; the nearest ones tell what is usual."""
+
+SPARSE = 4.0
+"""Factor by which points may be less dense than usual: what hides a limb also takes points."""
 
 DISTINCT = 16
 """Pieces of axes near a point that are examined for a limb that has the point inside."""
@@ -85,14 +100,21 @@ deviations of the noise, and in spacings."""
 
 @dataclass(eq=False)
 class _Limb:
-    """A limb, the limb that it grows from, where on its axis, and its rows of points."""
+    """A limb, the limb that it grows from, where on its axis, and its rows of points.
+
+    Of its windows: radii of the limb alone, which ones are measured, the largest radii that the
+    number of points allows, the radii of the model, and their relative errors.
+    """
 
     fit: LimbFit
     parent: int
     place: float
     rows: Index
     inner: FloatArray
+    known: Mask = field(default_factory=lambda: np.empty(0, bool))
+    most: FloatArray = field(default_factory=lambda: np.empty(0))
     radii: FloatArray = field(default_factory=lambda: np.empty(0))
+    errors: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
     def length(self) -> float:
@@ -118,6 +140,8 @@ class ScannedTree:
         Fraction of the points that are near the surface of a cylinder.
     measured : float
         Fraction of the length whose radius was measured; the rest follows the pipe model.
+    volume_error : float
+        Relative error of the volume, were all radii too large or all too small by theirs.
     """
 
     cylinders: TreeCylinders
@@ -127,6 +151,7 @@ class ScannedTree:
     noise: float
     explained: float
     measured: float
+    volume_error: float
 
 
 def scanned_tree(
@@ -137,7 +162,7 @@ def scanned_tree(
     Parameters
     ----------
     points : (n, 3) float64
-        Near the origin. More than 150,000 are thinned.
+        Near the origin. More than 100,000 are thinned.
     up : int
         The axis that points up: the tree begins at its lowest points.
     root : (3,) float64, optional
@@ -152,7 +177,7 @@ def scanned_tree(
 
     Notes
     -----
-    Cost: O(n log n) for n points up to 150,000.
+    Cost: O(n log n) for n points up to 100,000.
     Source: not in the thesis. Level sets of the geodesic distance: Xu, Gossett and Chen 2007;
     cylinders from robust fits with a taper: TreeQSM (Raumonen et al. 2013).
     """
@@ -171,19 +196,22 @@ def scanned_tree(
     spacing = float(np.median(graph.spacing))
     limbs = _limbs(graph, _base(graph, up, root), real, spacing, floor)
     noise = _noise(limbs, floor)
-    hidden = _hidden_sides(limbs, points, spacing, noise)
+    _judge(limbs, noise)
+    hidden = _hidden_sides(limbs, points, spacing)
     real = np.concatenate([real, np.zeros(len(hidden), bool)])
     every = np.concatenate([points, hidden])
-    graph = neighbour_graph(every, _directions(limbs, every, noise))
+    graph = neighbour_graph(every, _directions(limbs, every))
     limbs = _limbs(graph, _base(graph, up, root), real, spacing, floor)
     noise = _noise(limbs, floor)
-    limbs = _distinct(limbs, points, INSIDE[0] * noise + INSIDE[1] * spacing)
+    limbs = _distinct(limbs, points, noise, spacing)
+    _judge(limbs, noise)
     measured = _set_radii(limbs, WIDTH * spacing, noise)
     if ground is not None and root is None:
         _grounded(limbs[0], ground)
     explained = _explained(limbs, points, EXPLAINED[0] * noise + EXPLAINED[1] * spacing)
     cylinders = _cylinders(limbs, length, WIDTH * spacing)
-    return ScannedTree(cylinders, len(points), on_ground, spacing, noise, explained, measured)
+    quality = noise, explained, measured, _volume_error(limbs)
+    return ScannedTree(cylinders, len(points), on_ground, spacing, *quality)
 
 
 def _without_ground(points: FloatArray, up: int) -> tuple[FloatArray, Ground | None]:
@@ -193,10 +221,11 @@ def _without_ground(points: FloatArray, up: int) -> tuple[FloatArray, Ground | N
     ground = find_ground(coarse, up, float(np.median(away)))
     if ground is None:
         return points, None
-    kept = np.logical_not(ground.holds(points))
-    if kept.sum() < MIN_POINTS:
+    above = points[np.logical_not(ground.holds(points))]
+    above = above[np.logical_not(ground.low_parts(above))]
+    if len(above) < MIN_POINTS:
         raise InvalidShapeError("The cloud has a ground, and less than 20 points above it.")
-    return points[kept], ground
+    return above, ground
 
 
 def _grounded(trunk: _Limb, ground: Ground) -> None:
@@ -269,6 +298,8 @@ def _limb(
         fit = fit_limb(graph.points[fitted if len(fitted) else rows], axis, width, floor)
         inner = fit.profile()
         own, others = _taken(graph, sections, following, fit, inner, spacing)
+        if not own and len(fitted) < AGAIN_POINTS:
+            break
         axis = fit.axis
     return _Limb(fit, -1, 0.0, fitted.astype(np.int64), inner), others
 
@@ -314,14 +345,41 @@ def _noise(limbs: list[_Limb], floor: float) -> float:
     return float(np.quantile(every, NOISE_QUANTILE)) if len(every) else floor
 
 
-def _hidden_sides(
-    limbs: list[_Limb], points: FloatArray, spacing: float, noise: float
-) -> FloatArray:
+def _judge(limbs: list[_Limb], noise: float) -> None:
+    """Tell which radii are measured, and the largest ones that the number of points allows.
+
+    A section that is seen has points in proportion to its radius and its length. A circle through
+    a few scattered points may fit them well, but it would have many more.
+    """
+    places, usual = _dense_windows(limbs, noise)
+    tree = kd_tree(places) if len(places) >= DENSE_WINDOWS else None
+    for limb in limbs:
+        fit = limb.fit
+        limb.most = np.full(len(fit.at), np.inf)
+        if tree is not None:
+            rows = tree.query(fit.middles(), k=DENSE_WINDOWS)[1]
+            lengths = np.maximum(fit.lengths, 1e-300)
+            limb.most = SPARSE * fit.points / (lengths * np.median(usual[rows], axis=1))
+        limb.known = fit.measured(noise) & (np.nan_to_num(fit.radii) <= limb.most)
+
+
+def _dense_windows(limbs: list[_Limb], noise: float) -> tuple[FloatArray, FloatArray]:
+    """Return where windows of many points are, (m, 3), and their points per radius and length."""
+    places, densities = [np.empty((0, 3))], [np.empty(0)]
+    for limb in limbs:
+        fit = limb.fit
+        dense = fit.measured(noise) & (fit.inliers >= DENSE_POINTS)
+        places.append(fit.middles()[dense])
+        densities.append(fit.inliers[dense] / (fit.radii[dense] * fit.lengths[dense]))
+    return np.concatenate(places), np.concatenate(densities)
+
+
+def _hidden_sides(limbs: list[_Limb], points: FloatArray, spacing: float) -> FloatArray:
     """Return points on the sides of measured limbs that no scanner saw, (k, 3)."""
     rings = [np.empty((0, 3))]
     for limb in limbs:
         fit = limb.fit
-        thick = fit.measured(noise) & (fit.radii > spacing)
+        thick = limb.known & (fit.radii > spacing)
         bounds = np.concatenate([fit.at[:1], 0.5 * (fit.at[1:] + fit.at[:-1]), fit.at[-1:]])
         for k in np.flatnonzero(thick).tolist():
             low, high = np.clip(bounds[k : k + 2], 0.0, fit.along[-1])
@@ -337,39 +395,41 @@ def _hidden_sides(
     return every[away > spacing]
 
 
-def _distinct(limbs: list[_Limb], points: FloatArray, margin: float) -> list[_Limb]:
+def _distinct(limbs: list[_Limb], points: FloatArray, noise: float, spacing: float) -> list[_Limb]:
     """Return the limbs without tips that are strays, or mostly inside of another limb."""
-    parents = {limb.parent for limb in limbs}
     middles = [0.5 * (limb.fit.axis[1:] + limb.fit.axis[:-1]) for limb in limbs]
     along = [0.5 * (limb.fit.along[1:] + limb.fit.along[:-1]) for limb in limbs]
     radii = np.concatenate([
         np.interp(at, limb.fit.at, limb.inner) for at, limb in zip(along, limbs, strict=True)
     ])  # fmt: skip
     number = np.repeat(np.arange(len(limbs)), [len(one) for one in middles])
-    tree, kept = kd_tree(np.concatenate(middles)), []
-    for k, limb in enumerate(limbs):
-        inside = float(k not in parents and len(limb.rows) < LIMB_POINTS)
-        if k not in parents and not inside:
-            away, rows = tree.query(points[limb.rows], k=min(DISTINCT, len(radii)))
-            other = (number[rows] != k) & (away <= radii[rows] + margin)
-            inside = float(other.any(axis=1).mean())
-        if inside <= 0.5:
-            kept.append(k)
-    new = {old: k for k, old in enumerate(kept)}
-    for k in kept:
-        limbs[k].parent = new.get(limbs[k].parent, -1)
-    return [limbs[k] for k in kept]
+    tree, margin = kd_tree(np.concatenate(middles)), INSIDE[0] * noise + INSIDE[1] * spacing
+    kept = np.ones(len(limbs), bool)
+    carrying = np.zeros(len(limbs), bool)
+    for k in range(len(limbs) - 1, 0, -1):
+        limb = limbs[k]
+        if not carrying[k]:
+            inside = len(limb.rows) < max(LIMB_POINTS, limb.length / (APART * spacing))
+            if not inside:
+                away, rows = tree.query(points[limb.rows], k=min(DISTINCT, len(radii)))
+                other = (number[rows] != k) & (away <= radii[rows] + margin)
+                inside = float(other.any(axis=1).mean()) > 0.5
+            kept[k] = not inside
+        carrying[limb.parent] |= kept[k]
+    new = np.cumsum(kept) - 1
+    for limb in limbs[1:]:
+        limb.parent = int(new[limb.parent])
+    return [limb for limb, one in zip(limbs, kept, strict=True) if one]
 
 
-def _directions(limbs: list[_Limb], points: FloatArray, noise: float) -> Directions:
+def _directions(limbs: list[_Limb], points: FloatArray) -> Directions:
     """Return direction and radius of the limb that each point is nearest to."""
     middles, ways, radii = [], [], []
     for limb in limbs:
         fit = limb.fit
         middles.append(0.5 * (fit.axis[1:] + fit.axis[:-1]))
         ways.append(unit_rows(np.diff(fit.axis, axis=0)))
-        known = fit.measured(noise)
-        measured = np.where(known, fit.radii, np.minimum(fit.distance, limb.inner))
+        measured = np.where(limb.known, fit.radii, np.minimum(fit.distance, limb.inner))
         radii.append(np.interp(0.5 * (fit.along[1:] + fit.along[:-1]), fit.at, measured))
     every = np.concatenate(radii)
     away, rows = kd_tree(np.concatenate(middles)).query(points, k=min(4, len(every)))
@@ -382,7 +442,7 @@ def _directions(limbs: list[_Limb], points: FloatArray, noise: float) -> Directi
 def _set_radii(limbs: list[_Limb], width: float, noise: float) -> float:
     """Set the radii of all limbs at their windows; return the measured fraction of the length."""
     carried = _carried(limbs, width)
-    measured = [limb.fit.measured(noise) for limb in limbs]
+    measured = [limb.known for limb in limbs]
     weights = [limb.fit.weights(noise) for limb in limbs]
     level, scatter = _pipe_model(
         np.concatenate([limb.fit.radii[m] for limb, m in zip(limbs, measured, strict=True)]),
@@ -392,7 +452,7 @@ def _set_radii(limbs: list[_Limb], width: float, noise: float) -> float:
     )
     shares = []
     for limb, known, above, weight in zip(limbs, measured, carried, weights, strict=True):
-        model = np.exp(level + PIPE * np.log(above))
+        model = np.minimum(np.exp(level + PIPE * np.log(above)), limb.most)
         radii = falling(
             np.where(known, limb.fit.radii, model), np.where(known, weight, scatter**-2.0)
         )
@@ -400,9 +460,18 @@ def _set_radii(limbs: list[_Limb], width: float, noise: float) -> float:
             parent = limbs[limb.parent]
             radii = np.minimum(radii, np.interp(limb.place, parent.fit.at, parent.radii))
         limb.radii = radii
+        limb.errors = np.where(known, np.hypot(limb.fit.errors, limb.fit.noise / radii), scatter)
         shares.append((limb.length, float(known.mean())))
     total, part = np.array(shares).T
     return float(total @ part / total.sum())
+
+
+def _volume_error(limbs: list[_Limb]) -> float:
+    """Return the relative error of the volume, were all radii too large or all too small."""
+    radii = np.concatenate([limb.radii for limb in limbs])
+    errors = np.concatenate([limb.errors for limb in limbs])
+    volumes = radii**2 * np.concatenate([limb.fit.lengths for limb in limbs])
+    return float(2.0 * errors @ volumes / volumes.sum())
 
 
 def _carried(limbs: list[_Limb], width: float) -> list[FloatArray]:
@@ -482,7 +551,8 @@ def _cut(limb: _Limb, parent: _Limb | None, length: float, width: float, first: 
     begin, end = min(fit.extent[0], 0.0), max(fit.extent[1], fit.along[-1])
     if parent is not None:
         place, away = onto(axis, parent.fit.axis)
-        over = away - np.interp(place, parent.fit.at, parent.radii)
+        last = max(parent.fit.extent[1], parent.fit.along[-1])  # it ends there: no tube goes on
+        over = np.maximum(away - np.interp(place, parent.fit.at, parent.radii), place - last)
         out = int(np.argmax(over > 0)) if (over > 0).any() else len(axis) // 2
         if out > 0:
             begin = float(np.interp(0.0, over[out - 1 : out + 1], fit.along[out - 1 : out + 1]))

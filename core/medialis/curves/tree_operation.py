@@ -7,7 +7,7 @@ lengths for metres.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
 from medialis.curves.curve_skeleton import CurveSkeleton
 from medialis.curves.from_balls import CurveSkeletonOptions, curve_skeleton
-from medialis.curves.scanned_tree import scanned_tree
+from medialis.curves.scanned_tree import ScannedTree, scanned_tree
 from medialis.curves.tree_cylinders import (
     TreeCylinders,
     lowest_thick_end,
@@ -44,6 +44,12 @@ BREAST_HEIGHT = 1.3
 
 MIN_EXPLAINED = 0.95
 """Fraction of points near a cylinder below which a model may be incomplete."""
+
+MAX_VOLUME_ERROR = 0.15
+"""Relative error of the volume of a scan from which on it is told in a warning."""
+
+GUESSED = 1.0
+"""Relative error of the volume beyond which it is a guess."""
 
 SIDES = 12
 """Sides of a cylinder in pictures."""
@@ -71,6 +77,14 @@ class TreeCylindersRun(CurveSkeletonOptions):
         "Taper",
         "Let radii never grow along a branch, nor from one to the next.",
     )
+
+    def auto_values(
+        self, data: Any, starts: Mapping[str, float], progress: Progress
+    ) -> dict[str, float]:
+        """Choose automatic lengths; none is needed for clouds, which have no curve skeleton."""
+        if isinstance(data, Shape) and data.faces is None:
+            return {}
+        return super().auto_values(data, starts, progress)
 
 
 def run(shape: Shape, options: TreeCylindersRun, progress: Progress) -> Outcome:
@@ -120,15 +134,11 @@ def _of_cloud(
     if model.points + model.on_ground < shape.point_count:
         text = f"{counted(model.points, 'point')} are used: the cloud was thinned."
         progress.note(text, "cloud_thinned", points=model.points)
-    if model.explained < MIN_EXPLAINED:
-        text = (
-            f"{100 * (1 - model.explained):.0f} % of the points are not explained by a cylinder: "
-            "leaves, other objects, or twigs thinner than the spacing of the points."
-        )
-        progress.warn(text, "unexplained_points", fraction=1 - model.explained)
+    _warn_of_scan(model, progress)
     quality = {
         "explained_percent": 100 * model.explained,
         "measured_percent": 100 * model.measured,
+        "volume_error_percent": 100 * model.volume_error,
         "noise": model.noise,
         "spacing": model.spacing,
         "points_used": model.points,
@@ -141,6 +151,29 @@ def _of_cloud(
         extras={"cylinders": model.cylinders},
         panels=_panels(model.cylinders, shape),
     )
+
+
+def _warn_of_scan(model: ScannedTree, progress: Progress) -> None:
+    """Tell how far a model may be from the tree."""
+    if model.volume_error > GUESSED:
+        text = (
+            f"Hardly any radius could be measured: points are {model.spacing:.2g} apart. Radii and "
+            "volume are guesses; a denser scan is needed."
+        )
+        progress.warn(text, "radii_unmeasured", spacing=model.spacing)
+    elif model.volume_error > MAX_VOLUME_ERROR:
+        text = (
+            f"The volume may be off by {100 * model.volume_error:.0f} %: "
+            f"{100 * model.measured:.0f} % of the length has a measured radius. "
+            "More points, or scans from more sides, help."
+        )
+        progress.warn(text, "volume_uncertain", error=model.volume_error)
+    if model.explained < MIN_EXPLAINED:
+        text = (
+            f"{100 * (1 - model.explained):.0f} % of the points are not explained by a cylinder: "
+            "leaves, other objects, or twigs closer together than the points. Take leaves away."
+        )
+        progress.warn(text, "unexplained_points", fraction=1 - model.explained)
 
 
 def _panels(tree: TreeCylinders, shape: Shape) -> dict[str, tuple[tuple[str, Layer], ...]]:
@@ -325,6 +358,7 @@ OPERATION = Operation(
     "limb is enough, and radii of twigs that cannot be measured follow the pipe model.",
     options=TreeCylindersRun,
     run=run,
+    needs_normals=False,
     thin_lines=True,
     formats=(
         Format("csv", write_cylinders, "cylinders"),

@@ -100,6 +100,8 @@ class Operation(Described):
         Where hosts list it: the lowest first.
     needs_faces : bool
         Hosts do not offer it for point clouds; called with one it raises a sentence.
+    needs_normals : bool
+        It depends on the normals of point clouds: that they were estimated is told.
     formats : tuple of Format
         Kinds of files of its own.
     makes_images : bool
@@ -132,6 +134,7 @@ class Operation(Described):
     source: str | None = None
     order: float = LAST
     needs_faces: bool = False
+    needs_normals: bool = True
     formats: tuple[Format, ...] = ()
     makes_images: bool = False
     thin_lines: bool = False
