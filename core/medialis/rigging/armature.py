@@ -200,9 +200,9 @@ def _of_gltf(data: bytes) -> Armature:
     names = _different([str(nodes[joint].get("name", "")) for joint in joints])
     places = np.array([_place_of(joint, nodes, above) for joint in joints], np.float64)
     heads, ways = places[:, :3, 3], _ways_along(places, ends)
-    tails = (
-        _tails(heads, parents, ends) if ways is None else _tails_along(heads, ways, parents, ends)
-    )
+    tails = _tails(heads, parents, ends)
+    if ways is not None:
+        tails = _turned(tails, heads, ways, ends)
     return Armature(heads, tails, np.array(parents, np.int32), names)
 
 
@@ -222,15 +222,15 @@ def _ways_along(places: FloatArray, ends: list[list[FloatArray]]) -> FloatArray 
     return axes[:, best] if fits[best] > 0.5 else None
 
 
-def _tails_along(
-    heads: FloatArray, ways: FloatArray, parents: list[int], ends: list[list[FloatArray]]
+def _turned(
+    tails: FloatArray, heads: FloatArray, ways: FloatArray, ends: list[list[FloatArray]]
 ) -> FloatArray:
-    """Return where bones end that lie along given ways, (b, 3).
+    """Return where bones end that lie along given ways, (b, 3), from where they end without these.
 
     A bone ends at the joint that lies on its way; where several hang on it and none does, as far
-    as these are on average; where none hangs on it, it is half as long as the one before.
+    as these are on average; where none hangs on it, it is as long as it was.
     """
-    tails = _tails(heads, parents, ends)
+    tails = np.array(tails)
     for row, hung in enumerate(ends):
         off = np.array(hung).reshape(-1, 3) - heads[row]
         along = off @ ways[row]
