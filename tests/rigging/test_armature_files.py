@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import medialis
 from medialis.rigging.armature import write_armature_json, write_bvh
@@ -93,3 +94,43 @@ def test_names_of_gltf_are_made_different(tmp_path):
     (tmp_path / "a.gltf").write_text(json.dumps({"nodes": nodes, "skins": [{"joints": [0, 1, 2]}]}))
     found = medialis.read_armature(tmp_path / "a.gltf")
     assert found.names == ("a", "a.001", "bone 002") and found.parents.tolist() == [-1, 0, 0]
+
+
+def turned_rig(folder, turn):
+    """A file of joints whose bones lie along their own y: an arm, then two fingers, then tips."""
+    nodes = [
+        {"name": "arm", "rotation": turn, "children": [1]},
+        {"name": "hand", "translation": [0, 2, 0], "children": [2, 3]},
+        {"name": "one", "translation": [0.5, 1, 0], "children": [4]},
+        {"name": "two", "translation": [-1, 3, 0], "children": [5]},
+        {"name": "tip", "translation": [0, 1, 0], "rotation": [0, 0, 0.5**0.5, 0.5**0.5]},
+        {"name": "tip", "translation": [0, 1, 0], "children": [6, 7]},
+        {"name": "on", "translation": [0.01, 3, 0]},
+        {"name": "off", "translation": [1, 1, 0]},
+    ]
+    path = folder / "a.gltf"
+    path.write_text(json.dumps({"nodes": nodes, "skins": [{"joints": list(range(8))}]}))
+    return medialis.read_armature(path)
+
+
+@pytest.mark.parametrize("turn", [[0, 0, 0, 1], [0.5, 0.5, -0.5, 0.5]])
+def test_bones_of_gltf_end_along_the_axis_that_all_bones_lie_along(tmp_path, turn):
+    """The hand: as far as its fingers on average; a tip: half of the bone before, as it is turned;
+    a joint on the way: there, whatever else hangs on the bone."""
+    found = turned_rig(tmp_path, turn)
+    back = Rotation.from_quat(turn).inv()
+    ways = back.apply(found.tails - found.heads)
+    expected = {0: [0, 2, 0], 1: [0, 2, 0], 2: [0, 1, 0], 4: [-0.5, 0, 0], 5: [0.01, 3, 0]}
+    for row, way in expected.items():
+        assert np.abs(ways[row] - way).max() < 1e-9
+
+
+def test_where_bones_lie_along_no_axis_they_end_in_the_middle_of_what_hangs_on_them(tmp_path):
+    nodes = [{"children": [1, 2]}, {"translation": [0, 2, 0], "children": [3]},
+             {"translation": [2, 0, 0], "children": [4]}, {"translation": [1, 0, 0]},
+             {"translation": [0, 0, 1]}]  # fmt: skip
+    (tmp_path / "a.gltf").write_text(
+        json.dumps({"nodes": nodes, "skins": [{"joints": list(range(5))}]})
+    )
+    tails = medialis.read_armature(tmp_path / "a.gltf").tails
+    assert tails[0].tolist() == [1, 1, 0] and tails[3].tolist() == [1.5, 2, 0]

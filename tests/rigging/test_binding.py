@@ -73,6 +73,28 @@ def test_on_a_rod_weights_fall_as_heat_does():
     assert (stiff[away].max(axis=1) == 1.0).all()
 
 
+def test_a_bone_beside_the_body_moves_what_is_next_to_it():
+    """It lies outside, another one inside: each has its half of the rod."""
+    points, faces = rod(rings=41)
+    aside = np.array([[0, 0, 0], [1.5 * RADIUS, 0, 0]])
+    beside = medialis.Armature(TWO.heads + aside, TWO.tails + aside, TWO.parents)
+    weights = bound(points, faces, beside, softness=0.0)
+    z, outer = points[:, 2], points[:, 0] > 0.9 * RADIUS
+    assert (weights[z > 0.8, 1] == 1).all() and (weights[z < -0.1, 0] == 1).all()
+    assert (weights[outer & (z > 0.5), 1] == 1).all()
+
+
+@pytest.mark.parametrize(("name", "border"), [("tail", 0.0), ("tail_tip", 0.25)])
+def test_a_tip_begins_in_its_middle(name, border):
+    """The border is half way between the end of the bone before and there."""
+    points, faces = rod(rings=41)
+    chain = medialis.Armature(TWO.heads, TWO.tails, TWO.parents, ("back", name))
+    weights = bound(points, faces, chain, softness=0.0)
+    z = points[:, 2]
+    assert (weights[z > border + 0.06, 1] == 1).all()
+    assert (weights[z < border - 0.06, 0] == 1).all()
+
+
 def legs():
     """Two rods side by side, a hundredth apart, and a bridge above: points, faces, armature."""
     one, faces = rod(rings=41, low=-1.0, high=0.4)
@@ -300,7 +322,7 @@ def test_a_piece_smaller_than_its_distance_moves_as_a_whole_and_a_limit_holds():
     star = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1.0]])
     hub = medialis.Armature(np.zeros((6, 3)), 0.4 * star, [-1] * 6)
     for most in (1, 2, 8):
-        found = bound(points, faces, hub, bones_per_vertex=most)
+        found = bound(points, faces, hub, bones_per_vertex=most, softness=1.0)
         count = (found > 0).sum(axis=1)
         assert count.max() <= most and np.abs(found.sum(axis=1) - 1).max() < 1e-12
         assert most < 8 or count.max() > 4

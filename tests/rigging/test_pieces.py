@@ -5,7 +5,7 @@ import pytest
 
 import medialis
 from medialis.rigging.binding import bind_weights
-from medialis.rigging.deforming import deforming, is_end_marker, is_eye, segments_of
+from medialis.rigging.deforming import deforming, is_end_marker, is_eye
 from pieced_figures import Figure, capsule, limbs, members, pieces_of, shape_of
 
 
@@ -124,16 +124,3 @@ def test_a_bone_with_children_is_no_end_marker():
 @pytest.mark.parametrize("name", ["LeftToe_End", "Bip01 HeadNub", "mixamorig:LeftHandRing4"])
 def test_names_of_end_markers(name):
     assert is_end_marker(name) and not is_eye(name)
-
-
-def test_hips_act_up_to_the_thighs():
-    heads = [[0, 0, 1.0], [0.2, 0, 1], [-0.2, 0, 1]]
-    tails = [[0, 0, 1.1], [0.2, 0, 0.5], [-0.2, 0, 0.5]]
-    rig = medialis.Armature(heads, tails, [-1, 0, 0], ("hips", "thigh.L", "thigh.R"))
-    lines = segments_of(rig, deforming(rig))
-    assert lines.bone.tolist() == [0, 0, 0, 1, 2] and lines.joint.tolist()[:3] == [
-        False,
-        True,
-        True,
-    ]
-    assert lines.tails[1].tolist() == [0.2, 0, 1]

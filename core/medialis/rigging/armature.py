@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from medialis.base.arrays import unit_rows
 from medialis.base.errors import InvalidShapeError
 from medialis.base.kept import Bound
 from medialis.base.options import METERS, unit_name
@@ -24,6 +25,9 @@ from medialis.formats.gltf import UP_TO_Y
 
 LARGEST = 10_000
 """Bones that a file may have."""
+
+ALONG = 0.99
+"""Cosine of the angle to an axis from which on a bone lies along it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -182,7 +186,6 @@ def _of_gltf(data: bytes) -> Armature:
     if len(joints) > LARGEST:
         raise InvalidShapeError(f"it has {len(joints):,} bones; at most {LARGEST:,} are read.")
     above = {child: up for up, node in enumerate(nodes) for child in node.get("children", ())}
-    places = {joint: _place_of(joint, nodes, above)[:3, 3] for joint in joints}
     rows = {joint: row for row, joint in enumerate(joints)}
     parents = []
     for joint in joints:
@@ -195,8 +198,49 @@ def _of_gltf(data: bytes) -> Armature:
         hung = [n for n in nodes[joint].get("children", ()) if n in rows or "mesh" not in nodes[n]]
         ends.append([_place_of(n, nodes, above)[:3, 3] for n in hung])
     names = _different([str(nodes[joint].get("name", "")) for joint in joints])
-    heads = np.array([places[joint] for joint in joints], np.float64)
-    return Armature(heads, _tails(heads, parents, ends), np.array(parents, np.int32), names)
+    places = np.array([_place_of(joint, nodes, above) for joint in joints], np.float64)
+    heads, ways = places[:, :3, 3], _ways_along(places, ends)
+    tails = _tails(heads, parents, ends)
+    if ways is not None:
+        tails = _turned(tails, heads, ways, ends)
+    return Armature(heads, tails, np.array(parents, np.int32), names)
+
+
+def _ways_along(places: FloatArray, ends: list[list[FloatArray]]) -> FloatArray | None:
+    """Return the direction of each bone, (b, 3): the own axis along which most bones of a rig lie.
+
+    Rigs have such an axis (y in Blender and Mixamo, x in Unreal): that of a joint points to the
+    only one that hangs on it. None where no axis does for most of these.
+    """
+    axes = unit_rows(np.concatenate([places[:, :3, :3], -places[:, :3, :3]], axis=2).swapaxes(1, 2))
+    single = [row for row, hung in enumerate(ends) if len(hung) == 1]
+    if not single:
+        return None
+    ways = unit_rows(np.array([ends[row][0] for row in single]) - places[single, :3, 3])
+    fits = (np.einsum("sax,sx->sa", axes[single], ways) > ALONG).mean(axis=0)
+    best = int(fits.argmax())
+    return axes[:, best] if fits[best] > 0.5 else None
+
+
+def _turned(
+    tails: FloatArray, heads: FloatArray, ways: FloatArray, ends: list[list[FloatArray]]
+) -> FloatArray:
+    """Return where bones end that lie along given ways, (b, 3), from where they end without these.
+
+    A bone ends at the joint that lies on its way; where several hang on it and none does, as far
+    as these are on average; where none hangs on it, it is as long as it was.
+    """
+    tails = np.array(tails)
+    for row, hung in enumerate(ends):
+        off = np.array(hung).reshape(-1, 3) - heads[row]
+        along = off @ ways[row]
+        aligned = along - ALONG * np.linalg.norm(off, axis=1)
+        if (aligned > 0).any():
+            tails[row] = hung[int(aligned.argmax())]
+        elif not hung or along.mean() > 0:
+            far = along.mean() if hung else np.linalg.norm(tails[row] - heads[row])
+            tails[row] = heads[row] + far * ways[row]
+    return tails
 
 
 def _place_of(node: int, nodes: list[Any], above: dict[int, int]) -> FloatArray:

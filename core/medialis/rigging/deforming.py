@@ -2,8 +2,7 @@
 
 Rigs have bones that move nothing: end markers (`HeadTop_End`, `Toe0Nub`), a root on
 the ground, helpers of inverse kinematics. `deforming` finds them by their names and places.
-`segments_of` gives the lines along which the others act: a bone, and the connections from it to
-those of its children that begin elsewhere.
+`segments_of` gives the lines along which the others act.
 """
 
 from __future__ import annotations
@@ -21,6 +20,13 @@ from medialis.rigging.bones import Bones
 ENDS = frozenset({"end", "nub", "endsite", "effector"})
 """Last words of the names of end markers."""
 
+TIPS = frozenset({"tip", "leaf"})
+"""Words in the names of bones at the end of a chain that are there for its direction."""
+
+TIP = 0.5
+"""Where such a bone begins to act, as a fraction of its length: artists leave the skin at its joint
+to the bone before."""
+
 SIDES = frozenset({"l", "r", "left", "right", "c", "m"})
 """Words for sides, which may follow the last word."""
 
@@ -35,11 +41,6 @@ FINGERTIP = re.compile(r"Hand(Thumb|Index|Middle|Ring|Pinky)4$")
 
 EYELESS = frozenset({"brow", "eyebrow", "lid", "eyelid", "lash", "eyelash", "corner"})
 """Words in the names of bones that deform the skin around eyes."""
-
-ASIDE = 1.0
-"""Distance of the head of a child from a bone, as a fraction of the length of the bone, from which
-on the bone acts along the connection, too: hips reach to the thighs, and heads to ears, but a hand
-does not reach to each finger."""
 
 SAME = 1e-5
 """Fraction of the extent of a rig within which a joint is at the end of a bone."""
@@ -115,6 +116,7 @@ class Segments:
     ----------
     heads, tails : (s, 3) float64
     bone : (s,) int32
+        Ascending.
     joint : (s,) bool
         Whether another bone of the rig begins at the tail.
     """
@@ -122,44 +124,22 @@ class Segments:
     heads: FloatArray
     tails: FloatArray
     bone: IntArray
-    joint: np.ndarray
-
-    @property
-    def table(self) -> IntArray:
-        """Segments of each bone, (b, k), repeated where a bone has fewer; 0 for bones without."""
-        count = np.bincount(self.bone)
-        order = np.argsort(self.bone, kind="stable")
-        first = np.cumsum(count) - count
-        column = np.minimum(np.arange(count.max()), np.maximum(count, 1)[:, None] - 1)
-        rows = np.minimum(first[:, None] + column, len(order) - 1)
-        return np.asarray(order[rows], np.int32)
+    joint: Mask
 
 
 def segments_of(rig: Bones | Armature, moves: Mask) -> Segments:
     """Return the segments of the bones that deform, (b,) bool.
 
-    A bone acts along itself, and along the connections to the heads of those of its children that
-    begin far from it (`ASIDE`).
+    A last bone that is a tip by its name (`TIPS`) acts from its middle on.
     """
-    heads, tails, bone, joint = [], [], [], []
     reach = SAME * float(np.ptp(np.concatenate([rig.heads, rig.tails]), axis=0).max())
-    children: dict[int, list[int]] = {}
-    for row, above in enumerate(rig.parents.tolist()):
-        children.setdefault(above, []).append(row)
-    for row in np.flatnonzero(moves).tolist():
-        head, tail = rig.heads[row], rig.tails[row]
-        ends = [rig.heads[child] for child in children.get(row, [])]
-        at_tail = any(np.linalg.norm(end - tail) <= reach for end in ends)
-        lines = [(head, tail, at_tail)]
-        way = tail - head
-        for end in ends:
-            share = np.clip((end - head) @ way / max(float(way @ way), 1e-300), 0.0, 1.0)
-            near = head + share * way
-            if float(np.linalg.norm(end - near)) > max(reach, ASIDE * float(np.linalg.norm(way))):
-                lines.append((near, end, True))
-        for start, end, meets in lines:
-            heads.append(start)
-            tails.append(end)
-            bone.append(row)
-            joint.append(meets)
-    return Segments(np.array(heads), np.array(tails), np.array(bone, np.int32), np.array(joint))
+    joint = np.zeros(rig.count, np.bool_)
+    child = np.flatnonzero(rig.parents >= 0)
+    above = rig.parents[child]
+    meets = np.linalg.norm(rig.heads[child] - rig.tails[above], axis=1) <= reach
+    joint[above[meets]] = True
+    last = ~np.isin(np.arange(rig.count), above)
+    tip = last & np.array([not TIPS.isdisjoint(words_of(name)) for name in rig.names])
+    begin = rig.heads + TIP * tip[:, None] * (rig.tails - rig.heads)
+    rows = np.flatnonzero(moves)
+    return Segments(begin[rows], rig.tails[rows], rows.astype(np.int32), joint[rows])

@@ -270,7 +270,7 @@ def run(
     armature: str = "",
     poses: bool = False,
     bones_per_vertex: int = 4,
-    softness: float = 1.0,
+    softness: float = 0.5,
 ) -> Result: ...
 @overload
 def run(
