@@ -6,6 +6,7 @@ import pytest
 import medialis
 from closed_forms import unit
 from medialis.base.progress import Progress
+from medialis.clouds.lines import on_lines
 from medialis.clouds.outliers import isolated_points
 
 
@@ -146,3 +147,68 @@ def test_isolated_points_of_few(count):
     points = np.random.default_rng(count).normal(size=(count, 3))
     assert not isolated_points(points, Progress()).any()
     assert not isolated_points(np.ones((count, 3)), Progress()).any()
+
+
+def bars(ends, per_metre, radius, rng):
+    """Bars between pairs of places, (b, 2, 3); points scatter about their axes."""
+    lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    row = np.repeat(np.arange(len(ends)), np.ceil(per_metre * lengths).astype(int))
+    share = rng.random((len(row), 1))
+    points = ends[row, 0] + share * (ends[row, 1] - ends[row, 0])
+    return points + radius * rng.normal(size=points.shape)
+
+
+def tower(rng):
+    """A lattice tower: four legs that lean inwards, and diagonals between them."""
+    heights = np.linspace(0.0, 24.0, 7)
+    legs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    knots = np.array([[[*(leg * (3 - 0.09 * z)), z] for z in heights] for leg in legs])
+    along = np.stack([knots[:, :-1], knots[:, 1:]], axis=2).reshape(-1, 2, 3)
+    across = np.stack([knots[:, :-1], np.roll(knots, 1, axis=0)[:, 1:]], axis=2)
+    return bars(np.concatenate([along, across.reshape(-1, 2, 3)]), 12, 0.02, rng)
+
+
+def cables(rng):
+    """Four cables that hang in parallel."""
+    x = 100 * rng.random(1600)
+    row = rng.integers(0, 4, 1600)
+    hanging = 20 + 60 * (np.cosh((x - 50) / 60) - 1)
+    points = np.column_stack([x, 4.0 * (row % 2), hanging + 5.0 * (row // 2)])
+    return points + 0.01 * rng.normal(size=points.shape)
+
+
+def wire_beside_a_wall(rng):
+    """The wall is sampled far more densely than the wire."""
+    wall = np.column_stack([10 * rng.random(4000), np.zeros(4000), 6 * rng.random(4000)])
+    x = 16 * rng.random(160) - 3
+    wire_of_it = np.column_stack([x, np.full(160, -1.5), 5 + 0.02 * (x - 5) ** 2])
+    return np.concatenate([wall, wire_of_it]) + 0.002 * rng.normal(size=(4160, 3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [cables, wire_beside_a_wall])
+@pytest.mark.parametrize("share", [0.0, 0.05, 0.2])
+def test_lines_stay_among_outliers(kind, share):
+    """Cables, and wires beside a wall, lost points when outliers were added (fixed)."""
+    rng = np.random.default_rng(15)
+    points = kind(rng)
+    far_away = np.array([691234.0, 5334567.0, 512.0])
+    kept = kept_of(with_outliers(points, share, rng) + far_away)
+    assert (
+        kept[: len(points)].mean() >= 0.99 and kept[len(points) - 160 : len(points)].mean() > 0.95
+    )
+    assert share == 0.0 or kept[len(points) :].mean() <= 0.25
+
+
+def test_most_points_of_bars_are_on_lines_and_few_others():
+    rng = np.random.default_rng(16)
+    points = tower(rng)
+    cloud = with_outliers(points, 0.1, rng)
+    on = on_lines(cloud, np.ones(len(cloud), bool), Progress())
+    assert on[: len(points)].mean() > 0.9 and on[len(points) :].mean() < 0.05
+    anywhere = rng.random((1000, 3))
+    assert on_lines(anywhere, np.ones(1000, bool), Progress()).mean() < 0.01
+    half = np.arange(len(cloud)) % 2 == 0  # only those that are asked about
+    assert not (on_lines(cloud, half, Progress()) & ~half).any()
+    for few in (0, 1, 2, 9, 17):
+        assert not on_lines(anywhere[:few], np.ones(few, bool), Progress()).any()

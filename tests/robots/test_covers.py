@@ -278,12 +278,6 @@ def test_cylinders_of_a_urdf_are_where_the_capsules_are(tmp_path):
     assert away.max() == pytest.approx(0.05, rel=0.006)
 
 
-def test_a_plane_works_with_balls_alone(tmp_path):
-    path = robot(tmp_path, [("a", box(1, 1, 1))])
-    with pytest.raises(medialis.InvalidOptionError, match="not with capsules"):
-        medialis.robot_balls(path, capsules=True, plane=(0, 0, 1, 0))
-
-
 def test_distances_of_segments_are_those_of_their_points():
     """Compared with 201 points of each: off by half of their spacing, at most."""
     rng = np.random.default_rng(1)

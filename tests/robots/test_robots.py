@@ -9,8 +9,9 @@ import pytest
 import medialis
 from medialis.base.progress import Progress
 from medialis.cli import main
-from medialis.robots.balls import write_robot_balls
-from medialis.robots.urdf import link_shapes, rest_frames, robot_of
+from medialis.robots.balls import _above, write_robot_balls
+from medialis.robots.covers import Cover
+from medialis.robots.urdf import _rotation, link_shapes, rest_frames, robot_of
 
 yaml = pytest.importorskip("yaml", reason="PyYAML is not installed")
 
@@ -50,6 +51,14 @@ def test_shapes_stand_where_the_file_has_them(tmp_path):
     assert all(shape.closed_components.all() for shape in found.values())
     assert all(np.einsum("ij,ij->", s.points[s.faces[:, 0]], s.face_vectors) > 0
                for s in found.values())  # outward  # fmt: skip
+
+
+def test_origins_turn_about_fixed_axes():
+    from scipy.spatial.transform import Rotation
+
+    for angles in np.random.default_rng(0).uniform(-4.0, 4.0, (20, 3)):
+        expected = Rotation.from_euler("xyz", angles).as_matrix()
+        assert np.allclose(_rotation(angles), expected, rtol=0.0, atol=1e-14)
 
 
 def test_meshes_are_found_beside_the_file_and_in_packages(tmp_path):
@@ -147,6 +156,27 @@ def test_no_ball_crosses_the_plane_of_a_table(tmp_path, turn):
     assert 0.0 <= lowest < 1e-9
     assert 2 * cover.radii[0] == pytest.approx(0.15 if up > 0 else 0.05)  # what is left above
     assert found.figures["coverage"] < 1.0 and found.figures["largest_uncovered_gap"] > 0.0
+
+
+def test_capsules_that_cross_a_plane_become_smaller_within_themselves():
+    axes = np.array([[0, 0, 0.2, 1, 0, 0.5], [0, 0, 2, 1, 0, 2], [0, 0, -0.5, 1, 0, 1]])
+    radii = np.array([0.3, 0.3, 0.3])
+    found = _above(Cover(axes, radii, radii), (np.array([0.0, 0, 1]), 0.0), Progress.of(None))
+    assert len(found) == 2  # the last one ends below
+    ends, before = found.axes.reshape(-1, 2, 3), axes[:2].reshape(-1, 2, 3)
+    assert (ends[..., 2] >= found.radii[:, None]).all()
+    assert found.radii == pytest.approx([0.25, 0.3]) and ends[0, 0, 2] == pytest.approx(0.25)
+    moved = np.linalg.norm(ends - before, axis=2)
+    assert (moved + found.radii[:, None] <= radii[:2, None] + 1e-12).all()
+
+
+def test_capsules_keep_to_one_side_of_a_plane(tmp_path):
+    """It was refused together with capsules (fixed)."""
+    path = robot(tmp_path, ("rail", "0 0 0.05", "0 0 0", '<box size="0.6 0.1 0.1"/>'))
+    found = medialis.robot_balls(path, balls=2, capsules=True, plane=(0, 0, 1, 0))
+    cover = found.links["rail"]
+    assert (np.minimum(cover.starts[:, 2], cover.ends[:, 2]) >= cover.radii).all()
+    assert found.figures["coverage"] > 0.3
 
 
 @pytest.mark.parametrize("plane", [(0, 0, 0, 1), (0, 0, 1), "z", (0, 0, 1, float("nan"))])

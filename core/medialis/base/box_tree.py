@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -144,13 +144,19 @@ class NearestTree:
         tree = build_box_tree(middles, np.zeros_like(middles))
         ordered, largest = sizes[tree.order], np.zeros((len(tree.child), kernels.FAN))
         placed = corners[tree.order] - tree.center if len(corners) else corners
+        low, high = placed.min(axis=1), placed.max(axis=1)
         for nodes, child_depth, fan in wide_levels(tree.depth):
             if len(corners):
-                _bound_corners(tree, placed, nodes, child_depth, fan)
+                _bound_corners(tree, low, high, nodes, child_depth, fan)
                 continue
             count = nodes.stop - nodes.start
             kernels.largest_radii(ordered, child_depth, fan, 0, count, largest[nodes])
         return cls(tree, kernels.Items(ordered, largest, placed))
+
+    @cached_property
+    def _reach(self) -> float:
+        """Largest coordinate of the items, from the middle of the tree."""
+        return float(np.abs(self.tree.points).max(initial=0.0))
 
     def distances(
         self,
@@ -182,7 +188,7 @@ class NearestTree:
 
         tree, count = self.tree, len(queries)
         shifted = np.subtract(queries, tree.center, order="C")
-        reach = float(np.abs(tree.points).max(initial=0.0) + np.abs(shifted).max(initial=0.0))
+        reach = self._reach + float(np.abs(shifted).max(initial=0.0))
         out = distance, row = np.empty(count), np.empty(count, np.int64)
         margin = ROUNDING * reach
         with_these = shifted, tree, self.items, margin, enough, out
@@ -212,18 +218,18 @@ def nearest_on_triangles(queries: FloatArray, corners: FloatArray) -> FloatArray
 
 
 def _bound_corners(
-    tree: BoxTree, placed: FloatArray, nodes: slice, child_depth: int, fan: int
+    tree: BoxTree, low: FloatArray, high: FloatArray, nodes: slice, child_depth: int, fan: int
 ) -> None:
-    """Let the boxes of some nodes hold whole triangles, in place of their middles.
+    """Let the boxes of some nodes hold triangles from `low` to `high` (k, 3), not their middles.
 
     Far from a flat surface, boxes of middles that are widened by the size of triangles leave
     thousands of triangles that may be the nearest.
     """
-    n, count = len(placed), nodes.stop - nodes.start
+    n, count = len(low), nodes.stop - nodes.start
     first = (n * np.arange(count * fan)) >> child_depth
     for rows, ufunc, ends in (
-        (slice(0, 3), np.minimum, placed.min(axis=1)),
-        (slice(3, 6), np.maximum, placed.max(axis=1)),
+        (slice(0, 3), np.minimum, low),
+        (slice(3, 6), np.maximum, high),
     ):
         boxes = ufunc.reduceat(ends, first, axis=0).reshape(count, fan, 3)
         tree.bounds[nodes, rows, :fan] = boxes.transpose(0, 2, 1)

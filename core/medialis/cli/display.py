@@ -176,7 +176,7 @@ MOST_LINES, FEWEST_FILES = 25, 2
 MOST_NOTES = 3
 """Of the notes below a result, the most important first; --verbose has them all."""
 
-SAID_LAST = {"refined", "welded", "sharp_edges", "specks", "dense_kept", "tails_kept"}
+SAID_LAST = {"refined", "welded", "sharp_edges", "specks", "dense_kept", "tails_kept", "lines_kept"}
 """Codes of notes on how it was computed."""
 
 UNSAID = {"open_balls", "thin_walls"}

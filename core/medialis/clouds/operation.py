@@ -20,6 +20,7 @@ from medialis.base.options import Options, changed, choice, flag, length, with_u
 from medialis.base.progress import Progress, counted
 from medialis.base.threads import run_patiently
 from medialis.base.validation import FloatArray
+from medialis.clouds.lines import on_lines
 from medialis.clouds.manifolds import (
     ManifoldSet,
     ManifoldsOptions,
@@ -207,15 +208,16 @@ class RemoveOutliersRun(ManifoldsOptions):
 
 
 def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Progress) -> Outcome:
-    """Keep the points that belong to a manifold, or all that are not isolated where few do."""
+    """Keep the points on manifolds and lines, or all that are not isolated where few are on any."""
     with progress.stage("manifolds", 0.0, 0.8):
         found = manifolds.of(shape, options, progress)
     noise = found.point_class == PointClass.NOISE
     on_surfaces = float(1 - noise.mean())
-    kept = dense = tails = ~noise
+    dense = tails = np.zeros(len(noise), bool)
+    lines = on_lines(shape.points, noise, progress.still)
     if on_surfaces >= 1 - MOSTLY_NOISE:
         dense, tails = _thin_parts_and_tails(shape, noise, options, progress)
-        kept = ~noise | dense | tails
+    kept = ~noise | dense | tails
     with progress.stage("distances", 0.9, 1.0):
         by_surfaces = on_surfaces >= 1 - MOSTLY_NOISE and (
             bool(kept.all())
@@ -224,6 +226,8 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
         if not by_surfaces:
             work = partial(isolated_points, shape.points, progress.still)
             kept = ~(noise & run_patiently(work, progress))
+    lines &= ~kept
+    kept |= lines
     if by_surfaces:
         _note_kept_by_surfaces(found, kept, dense, tails, progress)
     else:
@@ -235,6 +239,11 @@ def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Prog
         text = f"Outliers were found by the distances between points: {reason}."
         progress.note(text, "by_distances", on_surfaces=on_surfaces)
         _note_removed(int((~kept).sum()), len(kept), "isolated", progress)
+    if stay := int(lines.sum()):
+        text = (
+            f"{counted(stay, 'point', verbs=('lies', 'lie'))} on thin lines, such as wires: kept."
+        )
+        progress.note(text, "lines_kept", points=stay)
     source = np.flatnonzero(kept).astype(np.int32)
     fields = {"manifold": found.labels()[kept], "source": source}
     shown: dict[str, Any] = {"attributes": fields, "role": "shape", **BY_MANIFOLD}
@@ -308,8 +317,9 @@ REMOVE_OUTLIERS = Operation(
     group="Segment",
     help="Remove the outliers of a cloud: points that are on no smooth surface.\n\n"
     "Keeps what belongs to a manifold, also where surfaces cross, and thin or sharp parts that are "
-    "as dense as the surface beside them. Where most of the cloud is not on surfaces (wires, "
-    "twigs), removes the points that are isolated. No point is moved: smooth does that.",
+    "as dense as the surface beside them, or lie on lines (wires, bars). Where most of the "
+    "cloud is not on surfaces, removes the points that are isolated. No point is moved: smooth "
+    "does that.",
     source="thesis 4.2.4.2",
     examples=(("scan.ply", "the scan without the points that lie on no surface"),),
     layers={

@@ -528,8 +528,8 @@ def _grown(
     graph = CurveSkeleton.of(nodes, edges_shown, web.widths[shown], vertex_node=node, cloud=cloud)
     areas = _areas_of(node, surface, len(nodes))
     widths = np.empty(len(nodes))
-    for row in graph.branches:
-        widths[row] = np.median(graph.radii[row])
+    for branch in graph.branches:
+        widths[branch] = np.median(graph.radii[branch])
     sure = node_persistence(graph, widths, areas, smallest)
     counts = _by_joined_parts(graph, surface, ground.genus)
     evidence = CurveEvidence.of_level_sets(*counts, ground.seams, ground.unclear)

@@ -176,7 +176,7 @@ def robot_balls(
     InvalidShapeError
         When it is no URDF, or no link has a shape.
     InvalidOptionError
-        When `plane` is not four numbers, or is given with `capsules`.
+        When `plane` is not four numbers.
 
     See Also
     --------
@@ -202,8 +202,6 @@ def robot_balls(
     >>> list(robot.links), len(robot.links["base"]) <= 12, robot.figures["coverage"]
     (['base'], True, 1.0)
     """
-    if options.capsules and options.plane is not None:
-        raise InvalidOptionError("plane works with balls, not with capsules.")
     root = robot_of(path)
     with progress.stage("read", 0.0, 0.1):
         shapes = link_shapes(path, root, progress)
@@ -341,23 +339,27 @@ def _planes(
 
 
 def _above(cover: Cover, plane: tuple[FloatArray, float], progress: Progress) -> Cover:
-    """Put the largest ball that touches a plane in the place of one that crosses it.
+    """Put the largest ball or capsule that touches a plane in the place of one that crosses it.
 
-    It lies in that one and touches it where that is farthest from the plane.
+    A ball lies in that one and touches it where that is farthest from the plane. A capsule is as
+    wide as the smaller of such balls about its ends, and lies in that one as well.
     """
     normal, distance = plane
-    centers = cover.axes[:, :3]
-    height = centers @ normal - distance
-    crossing = height < cover.radii
+    ends = cover.axes.reshape(-1, 2, 3)
+    height = ends @ normal - distance
+    largest = np.minimum(0.5 * (height + cover.radii[:, None]), cover.radii[:, None])
+    radii = largest.min(axis=1)
+    crossing = radii < cover.radii
     if not crossing.any():
         return cover
-    radii = np.where(crossing, 0.5 * (height + cover.radii), cover.radii)
-    centers = centers + np.where(crossing, radii - height, 0.0)[:, None] * normal
+    raised = np.where(crossing[:, None], np.maximum(radii[:, None] - height, 0.0), 0.0)
+    ends = ends + raised[..., None] * normal
     kept = radii > 0.0
-    text = f"{counted(int(crossing.sum()), 'ball')} at the plane were made smaller or left out."
+    kind = "ball" if (cover.axes[:, :3] == cover.axes[:, 3:]).all() else "capsule"
+    text = f"{counted(int(crossing.sum()), kind)} at the plane were made smaller or left out."
     progress.note(text, "at_plane", balls=int(crossing.sum()), left_out=int((~kept).sum()))
-    centers, radii = centers[kept], radii[kept] * (1.0 - 1e-12)
-    return Cover(np.concatenate([centers, centers], axis=1), radii, cover.depths[kept])
+    radii = np.where(crossing, radii * (1.0 - 1e-12), radii)[kept]
+    return Cover(ends[kept].reshape(-1, 6), radii, cover.depths[kept])
 
 
 ENDINGS = (".yml", ".yaml", ".srdf", ".urdf", ".xml", ".json")
