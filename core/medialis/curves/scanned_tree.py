@@ -62,8 +62,8 @@ INSIDE = 2.0, 0.5
 """Distance beyond the surface up to which points belong to a limb: in standard deviations of its
 residuals, and in spacings."""
 
-LIMB_POINTS = 4
-"""Minimum number of points of a limb without branches: fewer may be strays."""
+LIMB_POINTS = 3
+"""Minimum number of points of a limb without branches: as many as a circle needs."""
 
 AGAIN_POINTS = 50
 """A limb of so many points is fitted again from its new axis though no sections were added."""
