@@ -101,8 +101,9 @@ def test_a_thin_ring_of_flat_faces_has_its_loop(around, across, minor):
     """
     ring = forms.torus_mesh(around=around, across=across, major=1.0, minor=minor)
     polygon = 2 * around * np.sin(np.pi / around)
-    for given, code in (({}, "refined"), ({"refine": 0}, "handles_refined")):
-        run = medialis.run("curve_skeleton", ring, **given)
+    assert medialis.run("curve_skeleton", ring).graph.loops == 1
+    for refine, code in (("auto", "refined"), (0, "handles_refined")):
+        run = medialis.run("curve_skeleton", ring, skeleton_method="balls", refine=refine)
         assert run.graph.loops == run.values["expected_loops"] == 1
         assert run.graph.length == pytest.approx(polygon, rel=2 * minor + 0.02)
         (note,) = (note for note in run.messages if "refined" in note.code)

@@ -92,10 +92,10 @@ def test_beside_necks_each_ball_and_each_rod_has_its_own_thickness(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("group", range(10))
+@pytest.mark.parametrize("group", range(4))
 def test_a_maximum_fails_where_a_larger_ball_fits_inside(group):
-    """36 of 50 runs passed, although a ball of 1.25 to 2 times the limit fits: 200 members."""
-    for seed in range(20 * group, 20 * group + 20):
+    """36 of 50 runs passed, although a ball of 1.25 to 2 times the limit fits: 60 members here."""
+    for seed in range(15 * group, 15 * group + 15):
         _, parts = random_necks(seed)
         shape, _ = shape_of(parts, seed, corners=16, around=32)
         largest = 2 * max(part.radius for part in parts)

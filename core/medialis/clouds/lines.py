@@ -26,6 +26,9 @@ FITS = 2
 LEAST_AHEAD = 2
 """Neighbours along the line on either side of a point, at least."""
 
+COMPANY = 2
+"""Points that stay, among the nearest neighbours of one on a line: one alone is there by chance."""
+
 OUTSIDE = 1.5
 """Distance of a point from a line over that of the last of those that lie along it, and"""
 
@@ -64,8 +67,22 @@ def on_lines(points: FloatArray, rest: Mask, progress: Progress) -> Mask:
             break
         left = rows[~on[rows]]
         on[left] = _along_lines(places, left, count, along, slim, progress)
+    asked = np.zeros(len(places), bool)
+    asked[rows] = True
+    on &= _in_company(places, on, on | ~asked, progress)
     on[_beside(places, rows[~on[rows]], np.flatnonzero(on), progress)] = True
     return np.asarray(on[place.reshape(-1)] & rest)
+
+
+def _in_company(places: FloatArray, on: Mask, stay: Mask, progress: Progress) -> Mask:
+    """Tell the points on lines that have others that stay among their nearest neighbours."""
+    rows, result = np.flatnonzero(on), np.zeros(len(on), bool)
+    if len(rows):
+        tree = run_patiently(lambda: kd_tree(places), progress)
+        count = min(SIZES[0][0], len(places) - 1)
+        near = nearest_rows(tree, places[rows], count + 1, progress)[:, 1:]
+        result[rows] = stay[near].sum(axis=1) >= COMPANY
+    return result
 
 
 def _along_lines(
