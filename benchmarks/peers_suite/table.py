@@ -215,7 +215,8 @@ The best of the others that did all ten shapes, measure by measure.
 {lines(winners(outcomes))}
 
 Most functions of skeletor, and kimimaro, make trees, for neurons: they cannot have the loops of
-{_looped()} of these shapes. That is what they are for, and no mistake. PyGEL3D, CGAL and voxels keep loops.
+{_looped()} of these shapes. That is what they are for, and no mistake. PyGEL3D,
+CGAL and voxels keep loops.
 
 ## By shape
 
