@@ -84,6 +84,17 @@ def test_a_bone_beside_the_body_moves_what_is_next_to_it():
     assert (weights[outer & (z > 0.5), 1] == 1).all()
 
 
+@pytest.mark.parametrize(("name", "border"), [("tail", 0.0), ("tail_tip", 0.25)])
+def test_a_tip_begins_in_its_middle(name, border):
+    """The border is half way between the end of the bone before and there."""
+    points, faces = rod(rings=41)
+    chain = medialis.Armature(TWO.heads, TWO.tails, TWO.parents, ("back", name))
+    weights = bound(points, faces, chain, softness=0.0)
+    z = points[:, 2]
+    assert (weights[z > border + 0.06, 1] == 1).all()
+    assert (weights[z < border - 0.06, 0] == 1).all()
+
+
 def legs():
     """Two rods side by side, a hundredth apart, and a bridge above: points, faces, armature."""
     one, faces = rod(rings=41, low=-1.0, high=0.4)

@@ -20,6 +20,13 @@ from medialis.rigging.bones import Bones
 ENDS = frozenset({"end", "nub", "endsite", "effector"})
 """Last words of the names of end markers."""
 
+TIPS = frozenset({"tip", "leaf"})
+"""Words in the names of bones at the end of a chain that are there for its direction."""
+
+TIP = 0.5
+"""Where such a bone begins to act, as a fraction of its length: artists leave the skin at its joint
+to the bone before."""
+
 SIDES = frozenset({"l", "r", "left", "right", "c", "m"})
 """Words for sides, which may follow the last word."""
 
@@ -121,12 +128,18 @@ class Segments:
 
 
 def segments_of(rig: Bones | Armature, moves: Mask) -> Segments:
-    """Return the segments of the bones that deform, (b,) bool."""
+    """Return the segments of the bones that deform, (b,) bool.
+
+    A last bone that is a tip by its name (`TIPS`) acts from its middle on.
+    """
     reach = SAME * float(np.ptp(np.concatenate([rig.heads, rig.tails]), axis=0).max())
     joint = np.zeros(rig.count, np.bool_)
     child = np.flatnonzero(rig.parents >= 0)
     above = rig.parents[child]
     meets = np.linalg.norm(rig.heads[child] - rig.tails[above], axis=1) <= reach
     joint[above[meets]] = True
+    last = ~np.isin(np.arange(rig.count), above)
+    tip = last & np.array([not TIPS.isdisjoint(words_of(name)) for name in rig.names])
+    begin = rig.heads + TIP * tip[:, None] * (rig.tails - rig.heads)
     rows = np.flatnonzero(moves)
-    return Segments(rig.heads[rows], rig.tails[rows], rows.astype(np.int32), joint[rows])
+    return Segments(begin[rows], rig.tails[rows], rows.astype(np.int32), joint[rows])
