@@ -87,7 +87,7 @@ THIN, FEW = 1.5, 0.15
 so many times the thinnest limb that has candidates. Bodies of animals and machine parts have up to
 .11; trees of 59 limbs of which balls miss 5 to 17 have .19 to .25."""
 
-ROUGHLY, MANY_FACES = 0.2, 30_000
+ROUGHLY, MANY_FACES = 0.2, 10_000
 """Meshes of many faces are first looked at in less detail: whether so large a share may be thin."""
 
 Method = Literal["auto", "balls", "level_sets"]
