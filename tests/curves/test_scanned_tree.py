@@ -216,6 +216,7 @@ def test_one_position_with_occlusion():
     [
         (0.0, 2.0, "radii_unmeasured", "points are 0.4 apart"),
         (0.3, 0.27, "volume_uncertain", "off by 27 %: 30 % of the length"),
+        (0.3, 0.08, "length_uncertain", "70 % of the length is in limbs too thin"),
         (0.6, 0.08, None, ""),
     ],
 )
