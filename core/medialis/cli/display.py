@@ -12,7 +12,7 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -182,8 +182,8 @@ SAID_LAST = {"refined", "welded", "sharp_edges", "specks", "dense_kept", "tails_
 UNSAID = {"open_balls", "thin_walls"}
 """Codes of notes that only --verbose has, and the manifest: there is nothing to do about them."""
 
-NORMALS = {"normals_missing", "normals_zero"}
-"""Codes of notes that matter only to operations that need normals."""
+NORMALS = {"normals_missing", "normals_zero", "outside_uncertain"}
+"""Codes of messages that matter only to operations that need normals."""
 
 WIDEST, NARROWEST = 100, 60
 
@@ -278,9 +278,10 @@ def _notes(manifest: Mapping[str, Any], verbose: bool, most: int) -> Iterator[st
 
     said = list(zip(manifest["messages"], manifest["notes"], strict=True))
     said.sort(key=lambda one: (not one[1]["warning"], one[1]["code"] in SAID_LAST))
-    inner = UNSAID if operation(manifest["operation"]).needs_normals else UNSAID | NORMALS
+    needless = set() if operation(manifest["operation"]).needs_normals else NORMALS
     values = [one for one in said if one[1]["code"] == "automatic"]
-    others = [one for one in said if one[1]["code"] != "automatic" and not _is_inner(one[1], inner)]
+    hidden = needless | {"automatic"}
+    others = [one for one in said if one[1]["code"] not in hidden and not _is_inner(one[1])]
     warns = bool(others) and others[0][1]["warning"]  # the first one is always told
     shown = said if verbose else others[: max(most, int(warns))] + values
     for message, about in shown:
@@ -289,8 +290,8 @@ def _notes(manifest: Mapping[str, Any], verbose: bool, most: int) -> Iterator[st
         yield f"{len(said) - len(shown)} more with --verbose, and in manifest.json"
 
 
-def _is_inner(about: Mapping[str, Any], inner: Set[str]) -> bool:
-    return about["code"] in inner and not about["warning"]
+def _is_inner(about: Mapping[str, Any]) -> bool:
+    return about["code"] in UNSAID and not about["warning"]
 
 
 def _line_width() -> int:
