@@ -1,6 +1,7 @@
 """Colours, text, PNG files and whole pictures."""
 
 import struct
+from dataclasses import replace
 
 import make_color_maps
 import numpy as np
@@ -220,6 +221,12 @@ def test_medial_points_without_triangles_are_discs_and_balls():
     layer = cloud.layers[0]
     drawn = medial_pieces(cloud.shape, layer, np.arange(len(layer.points)))
     assert len(drawn.sheets[1]) == 0 and len(drawn.of_discs) > 1000
+
+
+def test_only_whole_numbers_stand_beside_orders():
+    key = ColorBar("order", "sequential", 0.0, 3.0)
+    assert 0.5 in key.numbers
+    assert replace(key, whole=True).numbers == [0.0, 3.0, 1.0, 2.0]
 
 
 def test_numbers_are_short():

@@ -157,7 +157,8 @@ INK, _DARK = np.array([35.0, 38.0, 45.0]), np.array([60.0, 60.0, 60.0])
 class ColorBar:
     """A colour scale from `low` to `high`; `missing` adds the grey of NaN.
 
-    A `limit` has colours of its own (`limit_colors`) and its number.
+    A `limit` has colours of its own (`limit_colors`) and its number. Only whole numbers stand at
+    the scale of `whole` values.
     """
 
     label: str
@@ -166,12 +167,14 @@ class ColorBar:
     high: float
     missing: bool = False
     limit: float | None = None
+    whole: bool = False
 
     @property
     def numbers(self) -> list[float]:
         """Numbers at the scale, those that must have room first."""
         marks = [self.low, self.high] if self.limit is None else [self.limit, self.low, self.high]
-        return [*marks, *round_steps(self.low, self.high, BAR_STEPS)]
+        steps = round_steps(self.low, self.high, BAR_STEPS)
+        return [*marks, *(x for x in steps if x.is_integer() or not self.whole)]
 
     def text(self, number: float) -> str:
         """Return what stands at a number."""

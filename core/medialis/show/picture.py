@@ -427,8 +427,9 @@ def _legend_of(
             return LabelKey(label, np.unique(item.labels), names, item.palette)
         if item.values is not None:
             low, high = value_range(item.values, item.low, item.high)
-            missing = bool(np.isnan(np.asarray(item.values, np.float64)).any())
-            return ColorBar(label, item.cmap, low, high, missing, item.limit)
+            values = np.asarray(item.values, np.float64)
+            missing, whole = bool(np.isnan(values).any()), bool((values == np.rint(values)).all())
+            return ColorBar(label, item.cmap, low, high, missing, item.limit, whole)
     raise InvalidOptionError("A legend needs an item with values or labels; there is none.")
 
 
