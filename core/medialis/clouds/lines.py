@@ -1,9 +1,9 @@
-"""Points of clouds that lie on lines: wires, cables, rods, bars of lattices.
+"""Detect points of clouds on lines: wires, cables, rods, bars of lattices.
 
-There most of the nearest neighbours of a point lie along one line, on both sides of the point, and
-the point is as near to this line as they are. Of outliers that is hardly ever true: of 16 places
-anywhere in a ball, 10 lie in a cylinder as slim as this once in a billion balls. Ends, and places
-where lines meet, have no one line: they are as close to points on lines as these are to each other.
+Most of the nearest neighbours of such a point are close to one line, on both sides of the point,
+and the point is as close to the line as its neighbours are. Outliers hardly ever meet this: of 16
+random points in a ball, 10 are in such a slim cylinder once in a billion balls. Ends of lines and
+crossings have no single line: they are as close to points on lines as these are to each other.
 """
 
 from __future__ import annotations
@@ -12,97 +12,88 @@ import numpy as np
 
 from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.progress import Progress
-from medialis.base.threads import nearest_rows, run_chunks, run_patiently
+from medialis.base.threads import run_chunks, run_patiently
 from medialis.base.validation import FloatArray
 from medialis.clouds.smoothing import FARTHER, neighbours_of
 
 SIZES = ((8, 6, 0.1), (16, 10, 0.15))
-"""Neighbours, how many of them lie along a line, and how far from it, for the distance of the last
-neighbour: few where lines bend or bars are short, more where points scatter about lines."""
+"""Number of neighbours, minimum number of them along the line, and maximum distance from the line
+as a fraction of the distance of the last neighbour. Eight detect short bars and bent lines, sixteen
+detect points that scatter about a line."""
 
 FITS = 2
-"""Times that the line is fitted again to those nearest to it."""
+"""Number of times that the line is fitted again to the neighbours closest to it."""
 
-LEAST_AHEAD = 2
-"""Neighbours along the line on either side of a point, at least."""
+MIN_PER_SIDE = 2
+"""Minimum number of neighbours along the line on each side of a point."""
 
-COMPANY = 2
-"""Points that stay, among the nearest neighbours of one on a line: one alone is there by chance."""
+MIN_KEPT_NEIGHBOURS = 2
+"""Minimum number of kept points among the eight nearest neighbours of a point on a line: a single
+point on a line is a coincidence."""
 
-OUTSIDE = 1.5
-"""Distance of a point from a line over that of the last of those that lie along it, and"""
-
-SPREAD = 4.0
-"""how much farther it may be, over the spread of their distances: four deviations."""
+OUTSIDE, SPREAD = 1.5, 4.0
+"""Maximum distance of a point from its line: this factor times that of the farthest neighbour along
+the line, or that distance plus this factor times the spread of the distances."""
 
 ROUNDING = 1e-5
-"""Distance from a line that is none, for the distance of the last neighbour."""
+"""Distance from a line that counts as zero, as a fraction of the distance of the last neighbour."""
 
 NEIGHBOUR = 6
-"""The distance to this neighbour is the local spacing."""
+"""The local spacing is the distance to this neighbour."""
 
 CHUNK = 2048
-"""Points."""
+"""Number of points fitted at a time."""
 
 
 def on_lines(points: FloatArray, rest: Mask, progress: Progress) -> Mask:
-    """Tell which points of the rest of a cloud lie on lines.
+    """Return which points of the rest of a cloud are on lines.
 
     Parameters
     ----------
     points : (n, 3) float
         A cloud.
     rest : (n,) bool
-        Points that are asked about: those on no surface.
+        Points to classify: those on no surface.
 
     Returns
     -------
     (n,) bool
-        A part of `rest`.
+        A subset of `rest`.
     """
     places, first, place = np.unique(points, axis=0, return_index=True, return_inverse=True)
-    rows, on = np.flatnonzero(rest[first]), np.zeros(len(places), bool)
-    for count, along, slim in SIZES:
-        if count >= len(places):
-            break
-        left = rows[~on[rows]]
-        on[left] = _along_lines(places, left, count, along, slim, progress)
-    asked = np.zeros(len(places), bool)
-    asked[rows] = True
-    on &= _in_company(places, on, on | ~asked, progress)
-    on[_beside(places, rows[~on[rows]], np.flatnonzero(on), progress)] = True
+    rest_rows, on = np.flatnonzero(rest[first]), np.zeros(len(places), bool)
+    sizes = [size for size in SIZES if size[0] < len(places)]
+    if len(rest_rows) == 0 or not sizes:
+        return np.zeros(len(points), bool)
+    neighbours = neighbours_of(places, places[rest_rows], sizes[-1][0], progress)
+    for count, along, slim in sizes:
+        left = np.flatnonzero(~on[rest_rows])
+        near = neighbours[left, :count]
+        on[rest_rows[left]] = _along_lines(places, rest_rows[left], near, along, slim, progress)
+    kept = on.copy()
+    kept[~rest[first]] = True
+    company = kept[neighbours[:, : SIZES[0][0]]].sum(axis=1)
+    on[rest_rows[company < MIN_KEPT_NEIGHBOURS]] = False
+    on[_beside(places, rest_rows, neighbours, on, progress)] = True
     return np.asarray(on[place.reshape(-1)] & rest)
 
 
-def _in_company(places: FloatArray, on: Mask, stay: Mask, progress: Progress) -> Mask:
-    """Tell the points on lines that have others that stay among their nearest neighbours."""
-    rows, result = np.flatnonzero(on), np.zeros(len(on), bool)
-    if len(rows):
-        tree = run_patiently(lambda: kd_tree(places), progress)
-        count = min(SIZES[0][0], len(places) - 1)
-        near = nearest_rows(tree, places[rows], count + 1, progress)[:, 1:]
-        result[rows] = stay[near].sum(axis=1) >= COMPANY
-    return result
-
-
 def _along_lines(
-    places: FloatArray, rows: Index, count: int, along: int, slim: float, progress: Progress
+    places: FloatArray, rows: Index, near: Index, along: int, slim: float, progress: Progress
 ) -> Mask:
-    """Tell which rows of places lie on a line of their neighbours."""
-    tree = run_patiently(lambda: kd_tree(places), progress)
-    near = nearest_rows(tree, places[rows], count + 1, progress)[:, 1:]
-    found = np.zeros(len(rows), bool)
+    """Return which rows of places are on a line through their neighbours (r, k)."""
+    result = np.zeros(len(rows), bool)
 
     def fit(begin: int, end: int) -> None:
         spokes = places[near[begin:end]] - places[rows[begin:end], None]
-        found[begin:end] = _line_like(spokes, along, slim)
+        result[begin:end] = _line_like(spokes, along, slim)
 
     run_chunks(fit, len(rows), CHUNK, progress=progress)
-    return found
+    return result
 
 
 def _line_like(spokes: FloatArray, along: int, slim: float) -> Mask:
-    """Tell which neighbourhoods (r, k, 3), about a point at 0, lie along a line, and it on this."""
+    """Return which neighbourhoods (r, k, 3) of a point at 0 follow a line through the point."""
     spokes = spokes / np.linalg.norm(spokes[:, -1:], axis=2, keepdims=True)
     away = _off_best_spoke(spokes, along)
     for _ in range(FITS):
@@ -115,12 +106,12 @@ def _line_like(spokes: FloatArray, along: int, slim: float) -> Mask:
     beside = away <= last[:, None]
     ahead = (beside & (at > own_at[:, None])).sum(axis=1)
     behind = (beside & (at < own_at[:, None])).sum(axis=1)
-    both_sides = np.minimum(ahead, behind) >= LEAST_AHEAD
+    both_sides = np.minimum(ahead, behind) >= MIN_PER_SIDE
     return np.asarray(both_sides & (last <= slim) & (own <= np.minimum(limit, slim)))
 
 
 def _off_best_spoke(spokes: FloatArray, along: int) -> FloatArray:
-    """Return distances (r, k) from the line through 0 and the neighbour that has most beside it."""
+    """Return distances (r, k) from the line through 0 and the neighbour closest to most others."""
     products = spokes @ spokes.transpose(0, 2, 1)
     squares = np.einsum("rkk->rk", products)
     away = squares[:, None] - products**2 / squares[..., None]
@@ -137,19 +128,22 @@ def _fitted(spokes: FloatArray, chosen: Index) -> tuple[FloatArray, FloatArray]:
 
 
 def _along_and_off(away: FloatArray, way: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return how far places (r, k, 3) are along lines through 0, and how far from these."""
+    """Return the positions of points (r, k, 3) along lines through 0, and their distances."""
     along = np.einsum("rki,ri->rk", away, way)
     square = np.einsum("rki,rki->rk", away, away) - along**2
     return along, np.sqrt(np.maximum(square, 0.0))
 
 
-def _beside(places: FloatArray, rows: Index, lines: Index, progress: Progress) -> Index:
-    """Return the rows that are as close to points on lines, and as dense, as these are."""
-    if len(rows) == 0 or len(lines) == 0:
-        return rows[:0]
-    gap, nearest = run_patiently(lambda: kd_tree(places[lines]).query(places[rows]), progress)
-    both = np.concatenate([rows, lines[nearest]])
-    near = neighbours_of(places, places[both], NEIGHBOUR, progress)[:, -1]
-    spacing = np.linalg.norm(places[near] - places[both], axis=1)
-    own, of_lines = np.split(spacing, 2)
-    return rows[(gap <= of_lines) & (own <= FARTHER * of_lines)]
+def _beside(
+    places: FloatArray, rows: Index, neighbours: Index, on: Mask, progress: Progress
+) -> Index:
+    """Return the rows that are as close to points on lines, and as dense, as these points are."""
+    ends, lines = rows[~on[rows]], np.flatnonzero(on)
+    if len(ends) == 0 or len(lines) == 0:
+        return ends[:0]
+    last = places[neighbours[:, NEIGHBOUR - 1]]
+    spacing = np.zeros(len(places))
+    spacing[rows] = np.linalg.norm(last - places[rows], axis=1)
+    gap, nearest = run_patiently(lambda: kd_tree(places[lines]).query(places[ends]), progress)
+    of_line = spacing[lines[nearest]]
+    return ends[(gap <= of_line) & (spacing[ends] <= FARTHER * of_line)]
