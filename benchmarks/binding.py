@@ -26,7 +26,7 @@ import medialis
 POSES, LARGEST = 6, np.radians(40.0)
 
 SOFTNESS = 1.0
-"""Wider than the default, which is what artists take: edges change least."""
+"""Softer than the default, which follows artists: edge lengths change least."""
 
 BLENDER = """
 import sys, numpy as np, bpy

@@ -182,8 +182,8 @@ SAID_LAST = {"refined", "welded", "sharp_edges", "specks", "dense_kept", "tails_
 UNSAID = {"open_balls", "thin_walls"}
 """Codes of notes that only --verbose has, and the manifest: there is nothing to do about them."""
 
-NORMALS = {"normals_missing", "normals_zero", "outside_uncertain"}
-"""Codes of messages that matter only to operations that need normals."""
+NORMALS_CODES = {"normals_missing", "normals_zero", "outside_uncertain"}
+"""Codes of messages about normals, hidden for operations that do not use normals."""
 
 WIDEST, NARROWEST = 100, 60
 
@@ -278,9 +278,9 @@ def _notes(manifest: Mapping[str, Any], verbose: bool, most: int) -> Iterator[st
 
     said = list(zip(manifest["messages"], manifest["notes"], strict=True))
     said.sort(key=lambda one: (not one[1]["warning"], one[1]["code"] in SAID_LAST))
-    needless = set() if operation(manifest["operation"]).needs_normals else NORMALS
     values = [one for one in said if one[1]["code"] == "automatic"]
-    hidden = needless | {"automatic"}
+    normals = operation(manifest["operation"]).needs_normals
+    hidden = {"automatic"} if normals else {"automatic", *NORMALS_CODES}
     others = [one for one in said if one[1]["code"] not in hidden and not _is_inner(one[1])]
     warns = bool(others) and others[0][1]["warning"]  # the first one is always told
     shown = said if verbose else others[: max(most, int(warns))] + values

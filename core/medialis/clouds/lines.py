@@ -13,7 +13,7 @@ import numpy as np
 from medialis.base.arrays import Index, Mask, kd_tree
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.clouds.smoothing import FARTHER, neighbours_of
 
 SIZES = ((8, 6, 0.1), (16, 10, 0.15))
@@ -79,7 +79,7 @@ def on_lines(points: FloatArray, rest: Mask, progress: Progress) -> Mask:
 
 
 def _along_lines(
-    places: FloatArray, rows: Index, near: Index, along: int, slim: float, progress: Progress
+    places: FloatArray, rows: Index, near: IntArray, along: int, slim: float, progress: Progress
 ) -> Mask:
     """Return which rows of places are on a line through their neighbours (r, k)."""
     result = np.zeros(len(rows), bool)
@@ -135,7 +135,7 @@ def _along_and_off(away: FloatArray, way: FloatArray) -> tuple[FloatArray, Float
 
 
 def _beside(
-    places: FloatArray, rows: Index, neighbours: Index, on: Mask, progress: Progress
+    places: FloatArray, rows: Index, neighbours: IntArray, on: Mask, progress: Progress
 ) -> Index:
     """Return the rows that are as close to points on lines, and as dense, as these points are."""
     ends, lines = rows[~on[rows]], np.flatnonzero(on)

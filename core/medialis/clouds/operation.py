@@ -208,7 +208,7 @@ class RemoveOutliersRun(ManifoldsOptions):
 
 
 def run_remove_outliers(shape: Shape, options: RemoveOutliersRun, progress: Progress) -> Outcome:
-    """Keep the points on manifolds and lines, or all that are not isolated where few are on any."""
+    """Keep points on manifolds or lines; if few are on manifolds, keep all but isolated points."""
     with progress.stage("manifolds", 0.0, 0.8):
         found = manifolds.of(shape, options, progress)
     noise = found.point_class == PointClass.NOISE

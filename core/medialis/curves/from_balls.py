@@ -83,12 +83,13 @@ ACROSS = np.radians(120.0)
 """Spoke angle of balls that touch both sides of a tube at least."""
 
 THIN, FEW = 1.5, 0.15
-"""Level sets are used as well where more than this share of the length of all limbs is thinner than
-so many times the thinnest limb that has candidates. Bodies of animals and machine parts have up to
-.11; trees of 59 limbs of which balls miss 5 to 17 have .19 to .25."""
+"""Level sets are also used where more than `FEW` of the total limb length is thinner than `THIN`
+times the thinnest limb with candidates. Animals and machine parts have a fraction of up to 0.11;
+trees of 59 limbs, of which balls miss 5 to 17, have 0.19 to 0.25."""
 
 ROUGHLY, MANY_FACES = 0.2, 10_000
-"""Meshes of many faces are first looked at in less detail: whether so large a share may be thin."""
+"""Above this number of faces the fraction of thin limbs is first estimated from balls; level sets
+are computed only if the estimate is at least `ROUGHLY`."""
 
 Method = Literal["auto", "balls", "level_sets"]
 

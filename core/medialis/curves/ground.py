@@ -74,7 +74,7 @@ class Ground:
         return np.asarray(points[:, self.up] - self.under(points) <= self.margin)
 
     def low_parts(self, points: FloatArray) -> Mask:
-        """Return the points (n,) of what ends just above the ground: grass, stones, rough ground.
+        """Return a mask (n,) of the parts that end just above the ground: grass, stones, roughness.
 
         Points below the upper bound of `ABOVE` are connected where their cells touch. What stands
         on the ground has points above the lower bound.

@@ -55,8 +55,8 @@ def node_persistence(
     -------
     (v,) float64
         Without a unit, above 0; about 1 and more for limbs that were kept. Nodes between limbs have
-        the largest one of their component: they go last. A component without a limb has that of
-        its whole area, or 1 where no area is asked.
+        the maximum of their component: they are pruned last. A component without limbs gets the
+        value of its whole area, or 1 if `smallest` is 0.
     """
     result, whole = np.full(len(graph.nodes), -1.0), np.bincount(graph.components, areas)
     for branch, row in enumerate(graph.branches):

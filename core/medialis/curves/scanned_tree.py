@@ -346,7 +346,7 @@ def _noise(limbs: list[_Limb], floor: float) -> float:
 
 
 def _judge(limbs: list[_Limb], noise: float) -> None:
-    """Tell which radii are measured, and the largest ones that the number of points allows.
+    """Set which radii are measured, and the maximum radii that the number of points allows.
 
     A section that is seen has points in proportion to its radius and its length. A circle through
     a few scattered points may fit them well, but it would have many more.

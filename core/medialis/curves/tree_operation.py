@@ -43,18 +43,18 @@ BREAST_HEIGHT = 1.3
 """Height in metres at which foresters measure the diameter of a trunk."""
 
 MIN_MEASURED = 0.5
-"""Fraction of the length with a measured radius below which a warning says so. Generated trees
-without leaves have .3 to .98, and lengths up to 14 % short; with leaves .2 to .65, and up to 78 %
-too long though all points are explained."""
+"""Minimum fraction of the length with a measured radius; a smaller one is reported in a warning.
+Generated trees without leaves have 0.22 to 0.98 and lengths up to 14 % too short; trees with leaves
+have 0.2 to 0.65 and lengths up to 78 % too long, although all points are explained."""
 
 MIN_EXPLAINED = 0.95
 """Fraction of points near a cylinder below which a model may be incomplete."""
 
 MAX_VOLUME_ERROR = 0.15
-"""Relative error of the volume of a scan from which on it is told in a warning."""
+"""Maximum relative error of the volume of a scan; a larger one is reported in a warning."""
 
-GUESSED = 1.0
-"""Relative error of the volume beyond which it is a guess."""
+GUESS_ERROR = 1.0
+"""Relative error of the volume above which it is reported as a guess."""
 
 SIDES = 12
 """Sides of a cylinder in pictures."""
@@ -159,8 +159,8 @@ def _of_cloud(
 
 
 def _warn_of_scan(model: ScannedTree, progress: Progress) -> None:
-    """Tell how far a model may be from the tree."""
-    if model.volume_error > GUESSED:
+    """Warn of an uncertain volume or length, and of points without a cylinder."""
+    if model.volume_error > GUESS_ERROR:
         text = (
             f"Hardly any radius could be measured: points are {model.spacing:.2g} apart. Radii and "
             "volume are guesses; a denser scan is needed."

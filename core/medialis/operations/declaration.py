@@ -101,7 +101,7 @@ class Operation(Described):
     needs_faces : bool
         Hosts do not offer it for point clouds; called with one it raises a sentence.
     needs_normals : bool
-        It depends on the normals of point clouds: that they were estimated is told.
+        Whether it uses the normals of point clouds; if not, messages about them are hidden.
     formats : tuple of Format
         Kinds of files of its own.
     makes_images : bool

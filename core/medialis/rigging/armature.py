@@ -27,7 +27,7 @@ LARGEST = 10_000
 """Bones that a file may have."""
 
 ALONG = 0.99
-"""Cosine of the angle to an axis from which on a bone lies along it."""
+"""Minimum cosine of the angle between a bone and the axis that it follows."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -207,10 +207,10 @@ def _of_gltf(data: bytes) -> Armature:
 
 
 def _ways_along(places: FloatArray, ends: list[list[FloatArray]]) -> FloatArray | None:
-    """Return the direction of each bone, (b, 3): the own axis along which most bones of a rig lie.
+    """Return the direction of each bone, (b, 3): the local axis that most bones of a rig follow.
 
-    Rigs have such an axis (y in Blender and Mixamo, x in Unreal): that of a joint points to the
-    only one that hangs on it. None where no axis does for most of these.
+    In most rigs one local axis of a joint (y in Blender and Mixamo, x in Unreal) points to its
+    child. Return None if no axis does so for most joints with a single child.
     """
     axes = unit_rows(np.concatenate([places[:, :3, :3], -places[:, :3, :3]], axis=2).swapaxes(1, 2))
     single = [row for row, hung in enumerate(ends) if len(hung) == 1]
@@ -225,10 +225,10 @@ def _ways_along(places: FloatArray, ends: list[list[FloatArray]]) -> FloatArray 
 def _turned(
     tails: FloatArray, heads: FloatArray, ways: FloatArray, ends: list[list[FloatArray]]
 ) -> FloatArray:
-    """Return where bones end that lie along given ways, (b, 3), from where they end without these.
+    """Return tails, (b, 3), turned to the given directions of the bones.
 
-    A bone ends at the joint that lies on its way; where several hang on it and none does, as far
-    as these are on average; where none hangs on it, it is as long as it was.
+    A bone ends at the child that is on its direction; if no child is, at their mean distance. A
+    bone without children keeps its length.
     """
     tails = np.array(tails)
     for row, hung in enumerate(ends):

@@ -377,10 +377,10 @@ def _cells_around(places: FloatArray, size: Index) -> tuple[Index, FloatArray]:
 
 
 def _seeds(lines: Segments, grid: Grid, fee: float) -> Ways:
-    """Return the ways to the cells around each bone, and to those inside that are next to it.
+    """Return the ways from each bone to the cells around it and to the nearest cells inside.
 
-    Where a bone lies outside it reaches the nearest inside straight and without a fee: rigs fit
-    some meshes badly. Cells outside pay as others do.
+    Parts of bones outside of the mesh reach the nearest inside cell straight and without a fee,
+    since rigs fit some meshes badly. Cells outside have the usual fee.
     """
     from medialis.rigging._way_kernels import Ways
 
@@ -405,7 +405,7 @@ def _seeds(lines: Segments, grid: Grid, fee: float) -> Ways:
 
 
 def _cells_along(lines: Segments, grid: Grid) -> tuple[Index, Index, FloatArray]:
-    """Return the cells around each line, and for those outside the nearest one inside.
+    """Return the cells around each line, and the nearest inside cell of each of them outside.
 
     Returns
     -------

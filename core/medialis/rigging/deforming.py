@@ -21,11 +21,11 @@ ENDS = frozenset({"end", "nub", "endsite", "effector"})
 """Last words of the names of end markers."""
 
 TIPS = frozenset({"tip", "leaf"})
-"""Words in the names of bones at the end of a chain that are there for its direction."""
+"""Words in the names of last bones of a chain that only give its direction."""
 
 TIP = 0.5
-"""Where such a bone begins to act, as a fraction of its length: artists leave the skin at its joint
-to the bone before."""
+"""Fraction of the length of such a bone from which on it deforms the skin: artists give the skin at
+its joint to its parent."""
 
 SIDES = frozenset({"l", "r", "left", "right", "c", "m"})
 """Words for sides, which may follow the last word."""
@@ -130,7 +130,7 @@ class Segments:
 def segments_of(rig: Bones | Armature, moves: Mask) -> Segments:
     """Return the segments of the bones that deform, (b,) bool.
 
-    A last bone that is a tip by its name (`TIPS`) acts from its middle on.
+    The last bone of a chain acts from its middle on if its name has a word of `TIPS`.
     """
     reach = SAME * float(np.ptp(np.concatenate([rig.heads, rig.tails]), axis=0).max())
     joint = np.zeros(rig.count, np.bool_)

@@ -339,10 +339,10 @@ def _planes(
 
 
 def _above(cover: Cover, plane: tuple[FloatArray, float], progress: Progress) -> Cover:
-    """Put the largest ball or capsule that touches a plane in the place of one that crosses it.
+    """Shrink the balls and capsules that cross a plane until they touch it.
 
-    A ball lies in that one and touches it where that is farthest from the plane. A capsule is as
-    wide as the smaller of such balls about its ends, and lies in that one as well.
+    A ball becomes the largest one inside it that is above the plane. The radius of a capsule is
+    the smaller one of such balls at its two ends, and the capsule stays inside the given one.
     """
     normal, distance = plane
     ends = cover.axes.reshape(-1, 2, 3)

@@ -157,8 +157,8 @@ INK, _DARK = np.array([35.0, 38.0, 45.0]), np.array([60.0, 60.0, 60.0])
 class ColorBar:
     """A colour scale from `low` to `high`; `missing` adds the grey of NaN.
 
-    A `limit` has colours of its own (`limit_colors`) and its number. Only whole numbers stand at
-    the scale of `whole` values.
+    A `limit` has colours of its own (`limit_colors`) and its number. With `whole`, only integers
+    are labelled between the ends.
     """
 
     label: str
