@@ -1,0 +1,447 @@
+"""Kernels on an NVIDIA GPU, through the library of its driver and nothing else.
+
+`core/kernel_library/build_gpu.py` compiles kernels to PTX, which the driver turns into code for the
+GPU that is there; wheels carry `gpu_kernels.xz`. A kernel is the body of one item: the function
+that the loops of the processor call, once for each item, and that many threads of the GPU call at
+the same time. Kernels whose sources have changed since are not used.
+
+`on_gpu` is the door: it does a piece of work in a `Session`, which owns the memory that the work
+takes, or returns None where the processor is to do it. Nothing is loaded before somebody asks for a
+GPU, and nothing outside of this module knows of the driver.
+"""
+
+from __future__ import annotations
+
+import atexit
+import ctypes
+import json
+import lzma
+import math
+import os
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from functools import cache
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from medialis.base.cache_folder import PACKAGE
+from medialis.base.errors import InvalidOptionError
+from medialis.base.jit import stamp_of
+from medialis.base.progress import Progress
+
+T = TypeVar("T")
+
+DEVICES = ("auto", "cpu", "gpu")
+KERNELS = PACKAGE / "base" / "gpu_kernels.xz"
+"""PTX of all kernels; `build_gpu.py` says what it holds."""
+BLOCK = 128
+"""Threads in a block."""
+ITEMS_A_LAUNCH = 1 << 20
+"""Between two launches progress is reported; Windows ends launches of two seconds."""
+NEVER = math.inf
+"""Size from which `auto` takes the GPU, where that has not been measured."""
+OUT_OF_MEMORY = 2
+SPARE = 0.9
+"""Share of the free memory that a piece of work may plan with."""
+
+_SCALARS = {"f8": ctypes.c_double, "f4": ctypes.c_float, "i8": ctypes.c_int64, "b1": ctypes.c_bool}
+
+_chosen: ContextVar[str | None] = ContextVar("medialis_device", default=None)
+
+
+class GpuError(RuntimeError):
+    """The GPU cannot do a piece of work: the sentence says why."""
+
+
+class MemoryFullError(GpuError):
+    """The GPU has too little free memory."""
+
+
+def device_choice() -> str:
+    """Return which device computes now: "auto", "cpu" or "gpu".
+
+    It is what `use_device` says, else `MEDIALIS_DEVICE`, else "auto".
+    """
+    return _chosen.get() or _checked(os.environ.get("MEDIALIS_DEVICE") or "auto")
+
+
+def _checked(name: str) -> str:
+    if name not in DEVICES:
+        raise InvalidOptionError(f"device must be one of {', '.join(DEVICES)}, got {name!r}.")
+    return name
+
+
+@contextmanager
+def use_device(name: str | None) -> Iterator[None]:
+    """Compute on a device inside the block: "cpu", "gpu" or "auto"; None changes nothing.
+
+    With "gpu", what cannot run there runs on the processor, and a message says why. "auto" takes
+    the GPU where whole operations were measured to be faster; so far that is nowhere.
+
+    Raises
+    ------
+    InvalidOptionError
+        For another name.
+
+    See Also
+    --------
+    thread_limit : how many threads of the processor are used.
+
+    Examples
+    --------
+    >>> import medialis
+    >>> with medialis.use_device("cpu"):
+    ...     cloud = medialis.surface_skeleton(medialis.organic_shape(56))
+    """
+    token = _chosen.set(_chosen.get() if name is None else _checked(name))
+    try:
+        yield
+    finally:
+        _chosen.reset(token)
+
+
+def on_gpu(
+    work: Callable[[Session], T], size: float, least: float, progress: Progress
+) -> T | None:
+    """Return what a piece of work gives on the GPU; None where the processor is to do it.
+
+    Parameters
+    ----------
+    work : callable
+        Called with a `Session`. It must leave nothing half-written: when the GPU fails, the
+        processor does all of it.
+    size : float
+        Items of the work.
+    least : float
+        Size from which "auto" takes the GPU.
+    """
+    choice = device_choice()
+    if choice == "cpu" or (choice == "auto" and size < least):
+        return None
+    try:
+        with opened_device().session(progress) as session:
+            return work(session)
+    except GpuError as error:
+        if choice == "gpu" and not any(one.code == "gpu_not_used" for one in progress.messages):
+            progress.warn(f"The processor did what the GPU could not: {error}", "gpu_not_used")
+        return None
+
+
+class Driver:
+    """The library of the driver: each call raises what the driver says.
+
+    Parameters
+    ----------
+    library
+        With the functions of the driver's interface as attributes.
+    """
+
+    def __init__(self, library: Any) -> None:
+        self._library = library
+
+    def __call__(self, name: str, *arguments: Any) -> None:
+        """Call a function.
+
+        Raises
+        ------
+        GpuError
+            With the driver's own text.
+        """
+        try:
+            function = getattr(self._library, name)
+        except AttributeError:
+            raise GpuError(f"the driver is too old: it has no {name}.") from None
+        if code := function(*arguments):
+            text = ctypes.c_char_p()
+            self._library.cuGetErrorString(code, ctypes.byref(text))
+            why = (text.value or b"an error that it does not know").decode("utf-8", "replace")
+            kind = MemoryFullError if code == OUT_OF_MEMORY else GpuError
+            raise kind(f"{name} failed: {why} ({code}).")
+
+
+def load_library() -> Any:
+    """Return the library of the driver.
+
+    Raises
+    ------
+    GpuError
+        Where there is none.
+    """
+    name = {"win32": "nvcuda.dll", "linux": "libcuda.so.1"}.get(sys.platform)
+    if name is None:
+        raise GpuError("NVIDIA has no driver for this system.")
+    try:
+        return getattr(ctypes, "WinDLL", ctypes.CDLL)(name)
+    except OSError:
+        raise GpuError(f"there is no NVIDIA driver here ({name} is not found).") from None
+
+
+class DeviceArray:
+    """An array in the memory of the GPU, which its session frees."""
+
+    def __init__(self, address: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        self.address, self.shape, self.dtype = address, shape, dtype
+        self.nbytes = math.prod(shape) * dtype.itemsize
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, rows: slice) -> DeviceArray:
+        """Return some rows that follow each other; they lie in the memory of the whole."""
+        begin, end, _ = rows.indices(self.shape[0])
+        one = math.prod(self.shape[1:]) * self.dtype.itemsize
+        rest = (max(end - begin, 0), *self.shape[1:])
+        return DeviceArray(self.address + begin * one, rest, self.dtype)
+
+    def words(self) -> list[ctypes.c_uint64]:
+        """Return what a kernel gets: no owners, items, size of one, address, shape and strides."""
+        strides, step = [], self.dtype.itemsize
+        for length in reversed(self.shape):
+            strides.insert(0, step)
+            step *= length
+        fields = 0, 0, math.prod(self.shape), self.dtype.itemsize, self.address
+        return [ctypes.c_uint64(one) for one in (*fields, *self.shape, *strides)]
+
+
+class Device:
+    """The first GPU, its context and the kernels that were loaded into it."""
+
+    def __init__(self) -> None:
+        self.call = call = Driver(load_library())
+        call("cuInit", 0)
+        count = ctypes.c_int()
+        call("cuDeviceGetCount", ctypes.byref(count))
+        if count.value == 0:
+            raise GpuError("the driver finds no GPU.")
+        self._number = ctypes.c_int()
+        call("cuDeviceGet", ctypes.byref(self._number), 0)
+        name = ctypes.create_string_buffer(256)
+        call("cuDeviceGetName", name, len(name), self._number)
+        self.name = name.value.decode("utf-8", "replace")
+        major, minor = (self._attribute(one) for one in (75, 76))
+        if (major, minor) < (7, 5):
+            raise GpuError(f"{self.name} is too old: compute capability {major}.{minor}, not 7.5.")
+        version = ctypes.c_int()
+        call("cuDriverGetVersion", ctypes.byref(version))
+        self.driver = f"{version.value // 1000}.{version.value % 1000 // 10}"
+        self._context = ctypes.c_void_p()
+        call("cuDevicePrimaryCtxRetain", ctypes.byref(self._context), self._number)
+        self._lock = threading.RLock()
+        self._functions: dict[str, ctypes.c_void_p] = {}
+        self.process = os.getpid()
+        atexit.register(self.close)
+
+    def _attribute(self, number: int) -> int:
+        value = ctypes.c_int()
+        self.call("cuDeviceGetAttribute", ctypes.byref(value), number, self._number)
+        return value.value
+
+    def close(self) -> None:
+        """Give the context back, with all kernels."""
+        if self.process == os.getpid():
+            with suppress(GpuError):
+                self.call("cuDevicePrimaryCtxRelease_v2", self._number)
+
+    @contextmanager
+    def session(self, progress: Progress | None = None) -> Iterator[Session]:
+        """Open a session: one at a time, on any thread, whose own context stays as it is."""
+        with self._lock:
+            self.call("cuCtxPushCurrent_v2", self._context)
+            session = Session(self, progress or Progress())
+            try:
+                yield session
+            finally:
+                session.close()
+                self.call("cuCtxPopCurrent_v2", ctypes.byref(ctypes.c_void_p()))
+
+    def function(self, name: str) -> ctypes.c_void_p:
+        """Return a kernel, which the driver compiles when it is asked for the first time."""
+        if name not in self._functions:
+            about, module, function = kernel(name), ctypes.c_void_p(), ctypes.c_void_p()
+            self.call("cuModuleLoadData", ctypes.byref(module), about["ptx"].encode() + b"\0")
+            entry = about["entry"].encode()
+            self.call("cuModuleGetFunction", ctypes.byref(function), module, entry)
+            self._functions[name] = function
+        return self._functions[name]
+
+
+class Session:
+    """A piece of work on the GPU: the memory that it takes, and its launches.
+
+    Parameters
+    ----------
+    device : Device
+    progress : Progress
+        Asked between launches.
+    """
+
+    def __init__(self, device: Device, progress: Progress) -> None:
+        self._device, self._call, self.progress = device, device.call, progress
+        self._taken: list[int] = []
+
+    def close(self) -> None:
+        """Free all memory."""
+        while self._taken:
+            with suppress(GpuError):  # after a kernel that failed no call succeeds
+                self._call("cuMemFree_v2", ctypes.c_uint64(self._taken.pop()))
+
+    def room(self) -> int:
+        """Return how many bytes are free, less some that others may need."""
+        free, total = ctypes.c_size_t(), ctypes.c_size_t()
+        self._call("cuMemGetInfo_v2", ctypes.byref(free), ctypes.byref(total))
+        return int(SPARE * free.value)
+
+    def empty(self, shape: int | tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
+        """Return an array with anything in it."""
+        shape, kind = (shape,) if isinstance(shape, int) else shape, np.dtype(dtype)
+        address, size = ctypes.c_uint64(), math.prod(shape) * kind.itemsize
+        if size:
+            self._call("cuMemAlloc_v2", ctypes.byref(address), ctypes.c_size_t(size))
+            self._taken.append(address.value)
+        return DeviceArray(address.value, tuple(map(int, shape)), kind)
+
+    def zeros(self, shape: int | tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
+        """Return an array of zeros."""
+        array = self.empty(shape, dtype)
+        if array.nbytes:
+            size = ctypes.c_size_t(array.nbytes)
+            self._call("cuMemsetD8_v2", ctypes.c_uint64(array.address), ctypes.c_ubyte(0), size)
+        return array
+
+    def put(self, value: Any) -> Any:
+        """Return a copy of an array, or of a tuple with all arrays in it, as kernels take it."""
+        if isinstance(value, tuple):
+            parts = [self.put(part) for part in value]
+            return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
+        if not isinstance(value, np.ndarray):
+            return value
+        array = np.ascontiguousarray(value)
+        copy = self.empty(array.shape, array.dtype)
+        if copy.nbytes:
+            source, size = ctypes.c_void_p(array.ctypes.data), ctypes.c_size_t(copy.nbytes)
+            self._call("cuMemcpyHtoD_v2", ctypes.c_uint64(copy.address), source, size)
+        return copy
+
+    def get(self, array: DeviceArray, out: NDArray[Any] | None = None) -> NDArray[Any]:
+        """Return what an array of the GPU holds, in a new array or a contiguous one of that kind."""
+        result = np.empty(array.shape, array.dtype) if out is None else out
+        if result.nbytes != array.nbytes or not result.flags.c_contiguous:
+            raise ValueError(f"cannot copy {array.shape} {array.dtype} to {result.shape}")
+        if array.nbytes:
+            target, size = ctypes.c_void_p(result.ctypes.data), ctypes.c_size_t(array.nbytes)
+            self._call("cuMemcpyDtoH_v2", target, ctypes.c_uint64(array.address), size)
+        return result
+
+    def launch(self, name: str, count: int, *arguments: Any) -> None:
+        """Call a kernel for the items 0..count - 1, and wait for it.
+
+        Raises
+        ------
+        GpuError
+            When it cannot be loaded or run.
+        TypeError
+            When the arguments are not of the types that it was compiled for.
+        """
+        if (types := code_of_values(arguments)) != kernel(name)["types"]:
+            raise TypeError(f"{name} takes {kernel(name)['types']}, got {types}")
+        function = self._device.function(name)
+        words = [word for one in arguments for word in _words(one)]
+        for first in range(0, count, ITEMS_A_LAUNCH):
+            self.progress.update(first / count)
+            last = min(first + ITEMS_A_LAUNCH, count)
+            every = [ctypes.c_int64(first), ctypes.c_int64(last), *words]
+            pointers = (ctypes.c_void_p * len(every))(*(ctypes.addressof(one) for one in every))
+            grid = -(-(last - first) // BLOCK), 1, 1, BLOCK, 1, 1, 0
+            self._call("cuLaunchKernel", function, *grid, None, pointers, None)
+            self._call("cuCtxSynchronize")
+
+
+def code_of_values(values: Any) -> str:
+    """Return the code of the types of arguments, as `jit.code_of` has it for words."""
+    code = ""
+    for value in values:
+        if isinstance(value, tuple):
+            code += f"({code_of_values(value)})"
+        elif isinstance(value, DeviceArray):
+            code += f"a{value.dtype.str[1:]}{len(value.shape)}C"
+        else:
+            code += f"s{_scalar(value)}"
+    return code
+
+
+def _scalar(value: Any) -> str:
+    known = {bool: "b1", int: "i8", float: "f8"}.get(type(value))
+    return known or np.dtype(type(value)).str[1:]
+
+
+def _words(value: Any) -> list[Any]:
+    """Return the words of an argument: tuples are flat."""
+    if isinstance(value, tuple):
+        return [word for part in value for word in _words(part)]
+    if isinstance(value, DeviceArray):
+        return value.words()
+    return [_SCALARS[_scalar(value)](value)]
+
+
+@cache
+def made_kernels() -> dict[str, Any]:
+    """Return what was made of each kernel: its stamp, types, entry and PTX; {} where none was."""
+    try:
+        found: dict[str, Any] = json.loads(lzma.decompress(KERNELS.read_bytes()))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, lzma.LZMAError) as error:
+        raise GpuError(f"{KERNELS} cannot be read ({error}).") from error
+    return found
+
+
+@cache
+def _stamp(feature: str) -> str:
+    return stamp_of(feature)
+
+
+def kernel(name: str) -> dict[str, Any]:
+    """Return what was made of a kernel.
+
+    Raises
+    ------
+    GpuError
+        Where it was not made, or its sources have changed since.
+    """
+    about: dict[str, Any] | None = made_kernels().get(name)
+    if about is None:
+        raise GpuError("this installation has no kernels for GPUs (`make kernels` makes them).")
+    if about["stamp"] != _stamp(name.partition(".")[0]):
+        raise GpuError("the sources have changed since the kernels for GPUs were made.")
+    return about
+
+
+_device: list[Device | GpuError] = []
+_opening = threading.Lock()
+
+
+def opened_device() -> Device:
+    """Return the GPU of this process, opened when it is asked for first.
+
+    Raises
+    ------
+    GpuError
+        Where there is none, or another process opened it that this one was forked from.
+    """
+    with _opening:
+        if not _device:
+            try:
+                _device.append(Device())
+            except GpuError as error:
+                _device.append(error)
+        found = _device[0]
+    if isinstance(found, GpuError):
+        raise found
+    if found.process != os.getpid():
+        raise GpuError("this process was forked from one that uses the GPU: start it anew instead.")
+    return found
