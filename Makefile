@@ -103,6 +103,13 @@ meshlab-plugins: $(VENV)/installed
 kernels: $(VENV)/installed
 	$(RUN) -m pip install --quiet 'setuptools>=77'
 	$(RUN) core/kernel_library/build.py
+	@$(MAKE) --no-print-directory build/gpu-compiler/installed || echo "No compiler for GPUs could be installed."
+	$(RUN) core/kernel_library/build_gpu.py
+
+# Apart from the environment: a user has none of it.
+build/gpu-compiler/installed: core/kernel_library/gpu_compiler.txt
+	@$(RUN) -m pip install --quiet --no-deps --upgrade --target build/gpu-compiler -r $<
+	touch $@
 
 viewer: $(VENV)/installed
 	$(RUN) core/viewer_library/build.py

@@ -105,9 +105,7 @@ def use_device(name: str | None) -> Iterator[None]:
         _chosen.reset(token)
 
 
-def on_gpu(
-    work: Callable[[Session], T], size: float, least: float, progress: Progress
-) -> T | None:
+def on_gpu(work: Callable[[Session], T], size: float, least: float, progress: Progress) -> T | None:
     """Return what a piece of work gives on the GPU; None where the processor is to do it.
 
     Parameters
@@ -290,6 +288,13 @@ class Session:
             with suppress(GpuError):  # after a kernel that failed no call succeeds
                 self._call("cuMemFree_v2", ctypes.c_uint64(self._taken.pop()))
 
+    def free(self, *arrays: DeviceArray) -> None:
+        """Free the memory of arrays now: each one that `empty`, `zeros` or `put` returned."""
+        for array in arrays:
+            if array.nbytes:
+                self._taken.remove(array.address)
+                self._call("cuMemFree_v2", ctypes.c_uint64(array.address))
+
     def room(self) -> int:
         """Return how many bytes are free, less some that others may need."""
         free, total = ctypes.c_size_t(), ctypes.c_size_t()
@@ -328,7 +333,7 @@ class Session:
         return copy
 
     def get(self, array: DeviceArray, out: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Return what an array of the GPU holds, in a new array or a contiguous one of that kind."""
+        """Return what an array of the GPU holds, in a new array or in a contiguous one."""
         result = np.empty(array.shape, array.dtype) if out is None else out
         if result.nbytes != array.nbytes or not result.flags.c_contiguous:
             raise ValueError(f"cannot copy {array.shape} {array.dtype} to {result.shape}")

@@ -5,7 +5,7 @@ samples are shrunk in ranges of tree order: spatial blocks. A ball never reaches
 diameter, and the traversal touches only the nodes that the ball meets, so the halo of a block is
 loaded page by page as its balls need it, however wide that is, and never twice computed. Ranges
 hold whole chunks of the single run, and warm starts and certificates do not cross chunks: the
-result is the same bit for bit, on threads here (`shrink_chunks`) or on the workers of a cluster
+result is the same bit for bit, on threads or a GPU here, or on the workers of a cluster
 (`shrink_there`).
 """
 
@@ -25,7 +25,6 @@ from numpy.typing import ArrayLike, NDArray
 from medialis.base import disk
 from medialis.base.errors import FileError, InvalidShapeError
 from medialis.base.progress import Progress, ProgressCallback
-from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, as_normals, as_points
 from medialis.batches.engine import cluster, hand_out, warn_if_open
 from medialis.formats.files import reason
@@ -154,25 +153,9 @@ def shrink_range(job: Range) -> int:
     }
     results = {name: mapped.pop(name) for name in OUT}
     tree = BoxTree(np.array(job.center), **mapped, depth=job.depth)
-    shrink_chunks(tree, job.options, results, job.begin, job.end, None)
-    return job.end - job.begin
-
-
-def shrink_chunks(
-    tree: BoxTree,
-    options: Shrinking,
-    results: dict[str, NDArray[Any]],
-    first: int,
-    last: int,
-    progress: Progress | None,
-) -> None:
-    """Shrink the balls of the samples first..last, in tree order, on threads."""
     out = tuple(results[name] for name in OUT)
-
-    def work(begin: int, end: int) -> None:
-        options.run(first + begin, first + end, tree, 1, out)
-
-    run_chunks(work, last - first, SAMPLES_A_CHUNK, progress=progress)
+    job.options.run_all(job.begin, job.end, tree, 1, out, Progress())
+    return job.end - job.begin
 
 
 def shrink_there(
@@ -286,7 +269,8 @@ def huge_surface_skeleton(
         with progress.stage("balls", 0.25, 0.9):
             results = _new_results(files, new, len(samples))
             if scheduler is None:
-                shrink_chunks(tree, options, results, 0, len(samples), progress)
+                out = tuple(results[name] for name in OUT)
+                options.run_all(0, len(samples), tree, 1, out, progress)
             else:
                 shrink_there(files, tree, options, scheduler, progress)
         with progress.stage("finish", 0.9, 1.0):

@@ -22,6 +22,12 @@ STILL = 1e-3
 """Search radii: a seed that moves less in a step has arrived. The thesis stops below 1e-4, of a
 size that it does not state; with a search radius of 5 % of the diagonal, this is 5e-5 of it."""
 
+ROWS_NEAR = 25
+"""Rows of cells within a search radius at most: cells are half a radius wide, or wider."""
+
+EXPONENTIAL = tuple(1.0 / math.factorial(k) for k in range(11, -1, -1))
+"""Coefficients of its series: to rounding within a quarter."""
+
 VERTICES_A_SITE = 256
 """Room for the vertices of a cap, to begin with."""
 
@@ -99,12 +105,12 @@ def _cell(x, low, width, size):
 
 @kernel
 def _runs_near(grid, place, runs):
-    """List the runs of points in the cells within a search radius; returns how many.
+    """List the runs of points in the cells within a search radius, (ROWS_NEAR, 2); return how many.
 
-    `runs` has room for two numbers for each row of cells along the last axis, (rows, 2).
+    A run is the points in cells that follow each other along the last axis.
     """
     low, width, shape = grid.low, grid.width, grid.shape
-    span, count = math.ceil(1.0 / width), 0
+    span, count = int(math.ceil(1.0 / width)), 0  # on a GPU its ceiling is a float
     a, b = _cell(place[0], low[0], width, shape[0]), _cell(place[1], low[1], width, shape[1])
     c = _cell(place[2], low[2], width, shape[2])
     first, last = max(c - span, 0), min(c + span, shape[2] - 1)
@@ -120,16 +126,20 @@ def _runs_near(grid, place, runs):
 
 
 @kernel
-def _room(grid):
-    """Return room for `_runs_near`."""
-    side = 2 * math.ceil(1.0 / grid.width) + 1
-    return np.empty((side * side, 2), np.int64)
+def _exponential(x):
+    """Return e to the power of x, -2 <= x <= 0: the same bits on every processor and GPU."""
+    x, power = 0.125 * x, 0.0
+    for k in range(len(EXPONENTIAL)):
+        power = power * x + EXPONENTIAL[k]
+    power *= power
+    power *= power
+    return power * power
 
 
 @kernel
 def _weight(square, sigma):
     """Weight of a point by the square of its distance."""
-    return math.exp(-0.5 * square / (sigma * sigma)) if sigma > 0.0 else 1.0
+    return _exponential(-0.5 * square / (sigma * sigma)) if sigma > 0.0 else 1.0
 
 
 @kernel
@@ -156,67 +166,106 @@ def _shift(grid, place, runs, out):
 
 
 @kernel
-def follow_seeds(grid, seeds, begin, end, out_paths, out_counts):
-    """Shift the seeds begin..end until a step is at most `STILL`; rows of the paths from 0.
+def shift_seed(seed, grid, seeds, out_paths, out_counts, place, runs):
+    """Shift a seed until a step is at most `STILL`.
 
     `out_paths` (seeds, most, 3) holds the places after each step, `out_counts` how many.
     """
-    place, runs = np.empty(3), _room(grid)
-    for s in range(begin, end):
-        place[:] = seeds[s]
-        row, count = s - begin, 0
-        while count < out_paths.shape[1]:
-            moved = out_paths[row, count]
-            _shift(grid, place, runs, moved)
-            count += 1
-            step = 0.0
-            for axis in range(3):
-                step += (moved[axis] - place[axis]) ** 2
-            place[:] = moved
-            if step <= STILL * STILL:
-                break
-        out_counts[row] = count
+    for axis in range(3):
+        place[axis] = seeds[seed, axis]
+    count, step = 0, math.inf
+    while count < out_paths.shape[1] and step > STILL * STILL:
+        moved = out_paths[seed, count]
+        _shift(grid, place, runs, moved)
+        count += 1
+        step = 0.0
+        for axis in range(3):
+            way = moved[axis] - place[axis]
+            step += way * way
+            place[axis] = moved[axis]
+    out_counts[seed] = count
+
+
+@kernel
+def follow_seeds(grid, seeds, out_paths, out_counts):
+    """Shift all seeds: see `shift_seed`."""
+    place, runs = np.empty(3), np.empty((ROWS_NEAR, 2), np.int64)
+    for seed in range(len(seeds)):
+        shift_seed(seed, grid, seeds, out_paths, out_counts, place, runs)
+
+
+@kernel
+def pack_path(seed, paths, counts, offsets, out_steps):
+    """Copy the last steps of a path to the rows offsets[seed] to offsets[seed + 1]."""
+    begin, end = offsets[seed], offsets[seed + 1]
+    for row in range(begin, end):
+        for axis in range(3):
+            out_steps[row, axis] = paths[seed, counts[seed] - (end - row), axis]
+
+
+@kernel
+def pack_paths(paths, counts, offsets, out_steps):
+    """Copy the last steps of all paths: see `pack_path`."""
+    for seed in range(len(counts)):
+        pack_path(seed, paths, counts, offsets, out_steps)
+
+
+@kernel
+def weigh_place(at, grid, places, out, moved, runs):
+    """Sum the weights of the points about a place: the density there."""
+    out[at] = _shift(grid, places[at], runs, moved)
 
 
 @kernel
 def weigh_places(grid, places, begin, end, out):
-    """Sum of the weights of the points about each place: the density there."""
-    moved, runs = np.empty(3), _room(grid)
-    for s in range(begin, end):
-        out[s] = _shift(grid, places[s], runs, moved)
+    """Find the densities of the places begin..end: see `weigh_place`."""
+    moved, runs = np.empty(3), np.empty((ROWS_NEAR, 2), np.int64)
+    for at in range(begin, end):
+        weigh_place(at, grid, places, out, moved, runs)
+
+
+@kernel
+def vote(at, grid, owner, points, votes, touched, out, share, runs):
+    """Find the cluster whose paths came nearest to a point, by the weights of their steps.
+
+    Those are K(|y - m(x)|). The grid holds the steps; `owner` is the cluster of each. -1 where no
+    step is within reach; `share` is the part of all votes that the winner got. Ties: the lowest
+    cluster. `votes` and `touched` (rows, clusters) are room for as many points at the same time;
+    votes come with zeros and are left so.
+    """
+    line, count = at % len(votes), 0
+    for run in range(_runs_near(grid, points[at], runs)):
+        for p in range(runs[run, 0], runs[run, 1]):
+            square = 0.0
+            for axis in range(3):
+                away = grid.points[p, axis] - points[at, axis]
+                square += away * away
+            if square > 1.0:
+                continue
+            name = owner[p]
+            if votes[line, name] == 0.0:
+                touched[line, count] = name
+                count += 1
+            votes[line, name] += _weight(square, grid.sigma)
+    best, most, total = np.int64(-1), 0.0, 0.0
+    for k in range(count):
+        name = touched[line, k]
+        value = votes[line, name]
+        total += value
+        votes[line, name] = 0.0
+        if value > most or (value == most and name < best):
+            best, most = name, value
+    out[at] = best
+    share[at] = most / total if best >= 0 else 0.0
 
 
 @kernel
 def count_votes(grid, owner, clusters, points, begin, end, out, share):
-    """Cluster whose paths came nearest to each point, by the weights K(|y - m(x)|) of their steps.
-
-    The grid holds the steps; `owner` is the cluster of each. -1 where no step is within reach;
-    `share` is the part of all votes that the winner got. Ties: the lowest cluster.
-    """
-    votes, touched = np.zeros(clusters), np.empty(clusters, np.int64)
-    runs = _room(grid)
-    for q in range(begin, end):
-        count = 0
-        for run in range(_runs_near(grid, points[q], runs)):
-            for p in range(runs[run, 0], runs[run, 1]):
-                square = 0.0
-                for axis in range(3):
-                    square += (grid.points[p, axis] - points[q, axis]) ** 2
-                if square > 1.0:
-                    continue
-                if votes[owner[p]] == 0.0:
-                    touched[count] = owner[p]
-                    count += 1
-                votes[owner[p]] += _weight(square, grid.sigma)
-        best, most, total = -1, 0.0, 0.0
-        for name in touched[:count]:
-            total += votes[name]
-            if votes[name] > most or (votes[name] == most and name < best):
-                best, most = name, votes[name]
-        out[q] = best
-        share[q] = most / total if best >= 0 else 0.0
-        for name in touched[:count]:
-            votes[name] = 0.0
+    """Find the clusters of the points begin..end: see `vote`."""
+    votes, touched = np.zeros((1, clusters)), np.empty((1, clusters), np.int64)
+    runs = np.empty((ROWS_NEAR, 2), np.int64)
+    for at in range(begin, end):
+        vote(at, grid, owner, points, votes, touched, out, share, runs)
 
 
 @kernel

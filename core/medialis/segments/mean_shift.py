@@ -12,13 +12,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import Described, Index, Mask, extent, kd_tree
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
+from medialis.base.gpu import NEVER, Session, on_gpu
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, flag, length, whole
 from medialis.base.progress import Progress
@@ -72,6 +73,11 @@ SEED_SPACING = 0.15  # halved 7 %, doubled 17 %
 """Distance of seeds in search radii: several in each segment."""
 
 SEEDS_A_CHUNK, POINTS_A_CHUNK = 16, 256
+
+SEEDS_A_LAUNCH, PLACES_A_LAUNCH = 1 << 16, 1 << 18
+"""On the GPU: paths of so many seeds take 470 MB."""
+
+KERNELS = "segments._kernels"
 
 Seeds = Literal["spread", "bumps", "all", "none"]
 
@@ -200,8 +206,6 @@ def shift_seeds(
     progress: Progress,
 ) -> MeanShift:
     """Cluster points by shifting seeds; lengths are fractions of the diagonal that is given."""
-    from medialis.segments._kernels import count_votes
-
     radius, merge = options.search_radius * diagonal, options.merge * diagonal
     # Lengths in search radii, so that squares of tiny and huge ones stay in range.
     low, high = extent(points)
@@ -217,9 +221,7 @@ def shift_seeds(
     with progress.stage("votes", 0.5, 1.0):
         grid, order = _grid(steps, scaled)
         owner = np.repeat(cluster, lengths)[order]
-        labels, shares = np.empty(len(places), np.int64), np.empty(len(places))
-        vote = partial(count_votes, grid, owner, len(centers), places)
-        run_chunks(vote, len(places), POINTS_A_CHUNK, labels, shares, progress=progress)
+        labels, shares = _votes(grid, owner, len(centers), places, progress)
     wholes = frozen(labels, np.int32), frozen(cluster, np.int32)
     places = frozen(centers * radius + origin, np.float64)
     return MeanShift(places, *wholes, frozen(shares, np.float64))
@@ -242,27 +244,60 @@ def _grid(points: FloatArray, sigma: float) -> tuple[Grid, Index]:
 def _paths(
     grid: Grid, seeds: FloatArray, last: int, progress: Progress
 ) -> tuple[FloatArray, Index]:
-    """Return the steps of all seeds, one path after the other, and how many each path has."""
-    from medialis.segments._kernels import follow_seeds
+    """Return the last steps of all seeds, one path after the other, and how many each has."""
+    from medialis.segments._kernels import follow_seeds, pack_paths
 
-    paths: list[FloatArray] = [np.empty((0, 3))] * len(seeds)
+    most = last or MOST_STEPS
+    parts: list[Any] = [(np.empty((0, 3)), np.empty(0, np.int64))]
+
+    def shift_there(session: Session) -> list[Any]:
+        there, found = session.put(grid), []
+        room = session.room() // (2 * MOST_STEPS * 3 * 8)
+        for begin in range(0, len(seeds), step := max(min(room, SEEDS_A_LAUNCH), 1)):
+            progress.update(begin / len(seeds))
+            some = session.put(seeds[begin : begin + step])
+            paths = session.empty((len(some), MOST_STEPS, 3), np.float64)
+            counts = session.empty(len(some), np.int64)
+            session.launch(f"{KERNELS}:shift_seed", len(some), there, some, paths, counts)
+            lengths = np.minimum(session.get(counts), most)
+            offsets = session.put(np.append(0, np.cumsum(lengths)))
+            steps = session.empty((int(lengths.sum()), 3), np.float64)
+            session.launch(f"{KERNELS}:pack_path", len(some), paths, counts, offsets, steps)
+            found.append((session.get(steps), lengths))
+            session.free(some, paths, counts, offsets, steps)
+        return found
 
     def work(begin: int, end: int) -> None:
-        places, counts = np.empty((end - begin, MOST_STEPS, 3)), np.zeros(end - begin, np.int64)
-        follow_seeds(grid, seeds, begin, end, places, counts)
-        for row, count in enumerate(counts):
-            paths[begin + row] = places[row, :count][-last:].copy()
+        paths, counts = np.empty((end - begin, MOST_STEPS, 3)), np.empty(end - begin, np.int64)
+        follow_seeds(grid, seeds[begin:end], paths, counts)
+        lengths = np.minimum(counts, most)
+        steps = np.empty((lengths.sum(), 3))
+        pack_paths(paths, counts, np.append(0, np.cumsum(lengths)), steps)
+        parts[begin // SEEDS_A_CHUNK] = steps, lengths
 
-    run_chunks(work, len(seeds), SEEDS_A_CHUNK, progress=progress)
-    return np.concatenate(paths), np.array([len(path) for path in paths])
+    found = on_gpu(shift_there, len(seeds), NEVER, progress)
+    if found is None:
+        parts = parts * -(-len(seeds) // SEEDS_A_CHUNK)
+        run_chunks(work, len(seeds), SEEDS_A_CHUNK, progress=progress)
+    steps, lengths = zip(*(found or parts), strict=True)
+    return np.concatenate(steps), np.concatenate(lengths)
 
 
 def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, Index]:
     """Return the centers, densest first, and the center of each end."""
     from medialis.segments._kernels import weigh_places
 
-    density, cluster = np.empty(len(ends)), np.full(len(ends), -1, np.int64)
-    run_chunks(partial(weigh_places, grid, ends), len(ends), POINTS_A_CHUNK, density)
+    def weigh_there(session: Session) -> FloatArray:
+        out = session.empty(len(ends), np.float64)
+        given = session.put(grid), session.put(ends), out
+        session.launch(f"{KERNELS}:weigh_place", len(ends), *given)
+        return session.get(out)
+
+    density = on_gpu(weigh_there, len(ends), NEVER, Progress())
+    if density is None:
+        density = np.empty(len(ends))
+        run_chunks(partial(weigh_places, grid, ends), len(ends), POINTS_A_CHUNK, density)
+    cluster = np.full(len(ends), -1, np.int64)
     centers: list[FloatArray] = []
     # Ties by place: the order of the seeds does not matter.
     left = np.lexsort((*-ends.T[::-1], -density))
@@ -273,6 +308,35 @@ def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, Ind
         centers.append(ends[left[0]])
         left = left[~near]
     return np.array(centers), cluster
+
+
+def _votes(
+    grid: Grid, owner: Index, clusters: int, places: FloatArray, progress: Progress
+) -> tuple[Index, FloatArray]:
+    """Return the cluster that each place gets most votes of, and its share of them."""
+    from medialis.segments._kernels import count_votes
+
+    labels, shares = np.empty(len(places), np.int64), np.empty(len(places))
+
+    def vote_there(session: Session) -> tuple[Index, FloatArray]:
+        steps = session.put(grid), session.put(owner)
+        given = session.put(places), session.empty(labels.shape, labels.dtype)
+        given = *given, session.empty(shares.shape, shares.dtype)
+        rows = max(min(session.room() // (16 * clusters), PLACES_A_LAUNCH, len(places)), 1)
+        votes = session.zeros((rows, clusters), np.float64)
+        touched = session.empty((rows, clusters), np.int64)
+        for begin in range(0, len(places), rows):
+            progress.update(begin / len(places))
+            points, out, share = (array[begin : begin + rows] for array in given)
+            some = *steps, points, votes, touched, out, share
+            session.launch(f"{KERNELS}:vote", len(points), *some)
+        return session.get(given[1]), session.get(given[2])
+
+    found = on_gpu(vote_there, len(places), NEVER, progress)
+    if found is None:
+        vote = partial(count_votes, grid, owner, clusters, places)
+        run_chunks(vote, len(places), POINTS_A_CHUNK, labels, shares, progress=progress)
+    return found or (labels, shares)
 
 
 @dataclass(frozen=True, kw_only=True)

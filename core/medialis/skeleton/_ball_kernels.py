@@ -73,6 +73,12 @@ OK, OPEN, NO_NORMAL = 0, 1, 2
 KNOWN = 16
 """Certificates kept: a leaf of a tube lies on about four rings, whose balls are the same."""
 
+STACK = 8 * 12 + 8
+"""Nodes that wait in a search: 8 children on each of at most 11 wide levels, and some more."""
+
+LEADERS = 32
+"""Of so many balls in tree order the GPU finds one first."""
+
 
 class Columns(NamedTuple):
     """What shrinking finds of k balls; `second` is their second feature point, a sample.
@@ -138,26 +144,43 @@ def _remember(feature, blocks, recent, names, spare):
     return (spare + 1) % LEAF
 
 
-@kernel
-def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
-    """Maximal balls of the samples begin..end (tree order); outputs are in the original order.
+class Memory(NamedTuple):
+    """What balls leave for the next, and room for their searches.
 
-    Or of the balls begin..end where `samples` tells the sample of each: `normals` are those of the
-    balls then, and so are the outputs.
+    Attributes
+    ----------
+    stack, hits : (STACK,) int32
+    recent, names : (3, LEAF) float64 and (LEAF,) int64
+        See `_remember`.
+    known : (4, KNOWN) float64
+        Certificates: the last centers x, y, z and a - r0.
+    """
+
+    stack: NDArray[np.int32]
+    hits: NDArray[np.int32]
+    recent: NDArray[np.float64]
+    names: NDArray[np.int64]
+    known: NDArray[np.float64]
+
+
+@kernel
+def shrink_some(begin, end, previous, sign, lengths, tree, normals, samples, out, memory):
+    """Find the balls begin..end, one after the other: see `shrink_balls`.
+
+    `previous` is the leaf of a second feature point, -1 for none: on tubes those of neighbours are
+    near. A loop here and not where it is called: a call for each ball takes a tenth of its time.
     """
     _, points, _, order, blocks, bounds, child, depth = tree
     _, tolerance, a, largest, near2, margin = lengths
     n = len(points)
-    stack = np.empty(8 * 12 + 8, np.int64)  # 8 children on each of at most 11 wide levels
-    hits = np.empty(8 * 12 + 8, np.int32)
-    recent, names = np.empty((3, LEAF)), np.empty(LEAF, np.int64)  # see `_remember`
-    spare, fresh = 0, True
-    previous = -1  # leaf of the last second feature point: on tubes those of neighbours are near
-    known = np.full((4, KNOWN), np.inf)  # certificates: last centers x, y, z and a - r0
-    turn = 0
+    stack, hits, recent, names, known = memory
+    spare, fresh, turn = 0, True, 0
+    for k in range(4):
+        for j in range(KNOWN):
+            known[k, j] = math.inf
     for ball in range(begin, end):
-        i = samples[ball] if len(samples) else ball
-        source = ball if len(samples) else order[i]
+        i = samples[ball] if len(samples) > 0 else ball
+        source = ball if len(samples) > 0 else order[i]
         px, py, pz = points[i, 0], points[i, 1], points[i, 2]
         nx, ny, nz = sign * normals[ball, 0], sign * normals[ball, 1], sign * normals[ball, 2]
         if nx == 0.0 and ny == 0.0 and nz == 0.0:
@@ -237,6 +260,42 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
         first = (n * leaf) >> depth  # a padded slot stands for the last sample of its leaf
         out.second[source] = order[min(first + slot, ((n * (leaf + 1)) >> depth) - 1)]
         out.status[source] = OK
+
+
+@kernel
+def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
+    """Maximal balls of the samples begin..end (tree order); outputs are in the original order.
+
+    Or of the balls begin..end where `samples` tells the sample of each: `normals` are those of the
+    balls then, and so are the outputs.
+    """
+    memory = Memory(
+        np.empty(STACK, np.int32), np.empty(STACK, np.int32), np.empty((3, LEAF)),
+        np.empty(LEAF, np.int64), np.empty((4, KNOWN)),
+    )  # fmt: skip
+    shrink_some(begin, end, -1, sign, lengths, tree, normals, samples, out, memory)
+
+
+@kernel
+def shrink_apart(
+    item, step, place, sign, lengths, tree, normals, samples, out, stack, hits, recent, names, known
+):
+    """Find the ball `item * step`, whoever finds the others: what a GPU calls.
+
+    First with a step of LEADERS; then with 1, where the others begin with the leaf that the leader
+    before them touches. `samples` tells the sample of each ball, `place` where each is in the tree.
+    """
+    ball, leaf = item * step, -1
+    if step == 1:
+        leader = ball // LEADERS * LEADERS
+        if leader == ball:
+            return
+        second = out.second[leader]
+        if second >= 0:
+            leaf = ((place[second] + 1) << tree.depth) // len(tree.points)
+            leaf = min(leaf, (1 << tree.depth) - 1)
+    memory = Memory(stack, hits, recent, names, known)
+    shrink_some(ball, ball + 1, leaf, sign, lengths, tree, normals, samples, out, memory)
 
 
 class Contacts(NamedTuple):

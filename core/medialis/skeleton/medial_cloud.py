@@ -480,7 +480,7 @@ def shrink(shape: Shape, options: ShrinkOptions, progress: Progress) -> tuple[Me
         share = 0.85 / len(signs)
         with progress.stage("balls", 0.15 + share * turn, 0.15 + share * (turn + 1)):
             out = tuple(values[turn * n : (turn + 1) * n] for values in arrays)
-            run_chunks(lengths.run, n, SAMPLES_A_CHUNK, tree, sign, out, progress=progress)
+            lengths.run_all(0, n, tree, sign, out, progress)
     source = np.tile(np.arange(n, dtype=np.int32), len(signs))
     side = np.repeat(np.array(signs, np.int8), n)
     return lengths.to_cloud(shape, tree, arrays, source, side), tree
@@ -518,6 +518,21 @@ class Shrinking(NamedTuple):
         columns = kernels.Columns(*out)
         kernels.shrink_balls(begin, end, float(sign), self, tree, normals, samples, columns)
 
+    def run_all(
+        self, begin: int, end: int, tree: BoxTree, sign: int, out: Columns, progress: Progress,
+        tangents: Any = None,
+    ) -> None:  # fmt: skip
+        """Call `run` for whole chunks, on all threads, or do the same on a GPU."""
+        from medialis.skeleton.balls_on_gpu import shrink_there
+
+        given = tree, sign, out, tangents
+        if not shrink_there(self, begin, end, *given, progress):
+
+            def work(first: int, last: int) -> None:
+                self.run(begin + first, begin + last, *given)
+
+            run_chunks(work, end - begin, SAMPLES_A_CHUNK, progress=progress)
+
     def shrink(
         self,
         shape: Shape,
@@ -530,8 +545,7 @@ class Shrinking(NamedTuple):
     ) -> MedialCloud:
         """Shrink balls of some samples, of these places in the tree, with normals of their own."""
         arrays, tangents = blank_balls(len(samples)), (places, normals)
-        given = tree, sign, arrays, tangents
-        run_chunks(self.run, len(samples), SAMPLES_A_CHUNK, *given, progress=progress)
+        self.run_all(0, len(samples), tree, sign, arrays, progress, tangents)
         side = np.full(len(samples), sign, np.int8)
         return self.to_cloud(shape, tree, arrays, samples.astype(np.int32), side)
 

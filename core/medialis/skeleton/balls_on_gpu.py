@@ -1,0 +1,54 @@
+"""Ball shrinking on a GPU: the tree stays there, balls come and go block by block."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from medialis.base.gpu import NEVER, Session, on_gpu
+from medialis.base.progress import Progress
+
+if TYPE_CHECKING:
+    from medialis.base._box_tree_kernels import BoxTree
+
+BALLS_A_BLOCK = 1 << 22
+"""A gigabyte of tangents and results."""
+
+NAME = "skeleton._ball_kernels:shrink_apart"
+
+
+def shrink_there(
+    lengths: Any, begin: int, end: int, tree: BoxTree, sign: int, out: tuple[NDArray[Any], ...],
+    tangents: Any, progress: Progress,
+) -> bool:  # fmt: skip
+    """Shrink balls as `Shrinking.run` does, where a GPU is used; return whether it was."""
+    work = partial(_shrink, lengths, begin, end, tree, sign, out, tangents)
+    return on_gpu(work, end - begin, NEVER, progress) is not None
+
+
+def _shrink(
+    lengths: Any, begin: int, end: int, tree: BoxTree, sign: int, out: tuple[NDArray[Any], ...],
+    tangents: Any, session: Session,
+) -> bool:  # fmt: skip
+    from medialis.skeleton._ball_kernels import LEADERS, Columns
+    from medialis.skeleton.medial_cloud import blank_balls
+
+    there, places = session.put((tree, tree.place))
+    every = np.arange(len(tree.order), dtype=np.int32), tree.normals
+    samples, normals = every if tangents is None else tangents
+    for first in range(begin, end, BALLS_A_BLOCK):
+        last = min(first + BALLS_A_BLOCK, end)
+        found = blank_balls(last - first)
+        given = session.put((normals[first:last], samples[first:last], Columns(*found)))
+        for step in (LEADERS, 1):
+            count = -(-(last - first) // step)
+            session.launch(NAME, count, step, places, float(sign), lengths, there, *given)
+        rows = tree.order[first:last] if tangents is None else slice(first, last)
+        for values, columns, mine in zip(out, given[2], found, strict=True):
+            values[rows] = session.get(columns, mine)
+        session.free(*given[:2], *given[2])
+        session.progress.update((last - begin) / (end - begin))
+    return True
