@@ -60,6 +60,7 @@ class Job:
             parameters,
             render=views.renderer if gpu_views else None,
             threads=preferences.threads(),
+            device=preferences.device(),
             unit=source.unit,
         )
         running = self

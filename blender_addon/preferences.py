@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The preferences of the add-on: how many threads compute, and keys."""
+"""The preferences of the add-on: what computes, and keys."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import bpy
-from bpy.props import IntProperty
+from bpy.props import EnumProperty, IntProperty
 
 
 class MEDIALIS_AP_preferences(bpy.types.AddonPreferences):
@@ -21,12 +21,22 @@ class MEDIALIS_AP_preferences(bpy.types.AddonPreferences):
         soft_max=64,
         max=1024,
     )
+    device: EnumProperty(
+        name="Device",
+        description="What computes",
+        items=[
+            ("auto", "Automatic", "The GPU where that was measured to be faster: so far nowhere"),
+            ("cpu", "Processor", "The processor alone"),
+            ("gpu", "GPU", "An NVIDIA GPU for what can run there, the processor for the rest"),
+        ],
+    )
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the settings."""
         layout = self.layout
         layout.use_property_split = True
         layout.prop(self, "threads", text="Threads" if self.threads else "Threads (Automatic)")
+        layout.prop(self, "device")
         layout.label(text="Keys (none are assigned by default)")
         draw_keys(layout, context)
 
@@ -53,6 +63,12 @@ def threads() -> int | None:
     """Return how many threads may compute; None: all."""
     found = _found()
     return None if found is None else found.threads or None
+
+
+def device() -> str | None:
+    """Return which device computes; None: as the environment says."""
+    found = _found()
+    return None if found is None or found.device == "auto" else found.device
 
 
 def register() -> None:

@@ -18,6 +18,7 @@ HEAD = """\
 # Made by docs/make_run_signatures.py from the registry.
 from typing import Any, Literal, overload
 
+from medialis.base.device import Device
 from medialis.base.options import Length
 from medialis.base.progress import Progress, ProgressCallback
 from medialis.shape.reading import ShapeLike
@@ -34,6 +35,7 @@ def run(
     shape: ShapeLike,
     *,
     threads: int | None = None,
+    device: Device | None = None,
     progress: Progress | ProgressCallback | None = None,
 {options}) -> Result: ...
 """

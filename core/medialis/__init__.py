@@ -50,8 +50,8 @@ Other libraries:
     to_trimesh, to_pyvista, to_open3d, to_meshio, to_networkx, to_navis, as_curve_skeleton,
     to_pandas, label_surfaces
 Control:
-    Progress, Message, Cancelled, thread_count, thread_limit, memory_limit, kept_bytes, forget,
-    MedialisError, InvalidShapeError, InvalidOptionError, FileError, NotPassedError
+    Progress, Message, Cancelled, thread_count, thread_limit, use_device, memory_limit, kept_bytes,
+    forget, MedialisError, InvalidShapeError, InvalidOptionError, FileError, NotPassedError
 """
 
 from medialis.base.version import package_version, public_names

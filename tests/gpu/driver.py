@@ -32,6 +32,7 @@ def builder() -> Any:
     return module
 
 
+OUT_OF_MEMORY = 2
 LISTED = {one.name: one for one in builder().listed()}
 
 
@@ -71,7 +72,7 @@ class FakeDriver:
         pass
 
     def cuGetErrorString(self, code: int, text: Any) -> None:  # noqa: N802
-        text._obj.value = b"out of memory" if code == gpu.OUT_OF_MEMORY else b"made to fail"
+        text._obj.value = b"out of memory" if code == OUT_OF_MEMORY else b"made to fail"
 
     def cuDeviceGetCount(self, count: Any) -> None:  # noqa: N802
         count._obj.value = self.count
@@ -109,7 +110,7 @@ class FakeDriver:
 
     def cuMemAlloc_v2(self, address: Any, size: Any) -> int:  # noqa: N802
         if size.value + sum(map(len, self.taken.values())) > self.room:
-            return gpu.OUT_OF_MEMORY
+            return OUT_OF_MEMORY
         memory = self._random.integers(0, 256, size.value, np.uint8)
         self.taken[memory.ctypes.data] = memory
         address._obj.value = memory.ctypes.data
@@ -207,7 +208,7 @@ def install(monkeypatch: Any, driver: Any) -> None:
     }  # fmt: skip
     monkeypatch.setattr(gpu, "load_library", lambda: driver)
     monkeypatch.setattr(gpu, "made_kernels", lambda: made)
-    monkeypatch.setattr(gpu, "_device", [])
+    monkeypatch.setattr(gpu, "_opened", [])
 
 
 def parameters(ptx: str) -> list[str]:

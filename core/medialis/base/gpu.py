@@ -5,9 +5,8 @@ GPU that is there; wheels carry `gpu_kernels.xz`. A kernel is the body of one it
 that the loops of the processor call, once for each item, and that many threads of the GPU call at
 the same time. Kernels whose sources have changed since are not used.
 
-`on_gpu` is the door: it does a piece of work in a `Session`, which owns the memory that the work
-takes, or returns None where the processor is to do it. Nothing is loaded before somebody asks for a
-GPU, and nothing outside of this module knows of the driver.
+`device.on_gpu` is the door: it does a piece of work in a `Session`, which owns the memory that the
+work takes. Nothing outside of this module knows of the driver.
 """
 
 from __future__ import annotations
@@ -20,114 +19,29 @@ import math
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from medialis.base.cache_folder import PACKAGE
-from medialis.base.errors import InvalidOptionError
+from medialis.base.device import GpuError
 from medialis.base.jit import stamp_of
 from medialis.base.progress import Progress
 
-T = TypeVar("T")
-
-DEVICES = ("auto", "cpu", "gpu")
 KERNELS = PACKAGE / "base" / "gpu_kernels.xz"
 """PTX of all kernels; `build_gpu.py` says what it holds."""
 BLOCK = 128
 """Threads in a block."""
 ITEMS_A_LAUNCH = 1 << 20
 """Between two launches progress is reported; Windows ends launches of two seconds."""
-NEVER = math.inf
-"""Size from which `auto` takes the GPU, where that has not been measured."""
-OUT_OF_MEMORY = 2
 SPARE = 0.9
 """Share of the free memory that a piece of work may plan with."""
 
 _SCALARS = {"f8": ctypes.c_double, "f4": ctypes.c_float, "i8": ctypes.c_int64, "b1": ctypes.c_bool}
-
-_chosen: ContextVar[str | None] = ContextVar("medialis_device", default=None)
-
-
-class GpuError(RuntimeError):
-    """The GPU cannot do a piece of work: the sentence says why."""
-
-
-class MemoryFullError(GpuError):
-    """The GPU has too little free memory."""
-
-
-def device_choice() -> str:
-    """Return which device computes now: "auto", "cpu" or "gpu".
-
-    It is what `use_device` says, else `MEDIALIS_DEVICE`, else "auto".
-    """
-    return _chosen.get() or _checked(os.environ.get("MEDIALIS_DEVICE") or "auto")
-
-
-def _checked(name: str) -> str:
-    if name not in DEVICES:
-        raise InvalidOptionError(f"device must be one of {', '.join(DEVICES)}, got {name!r}.")
-    return name
-
-
-@contextmanager
-def use_device(name: str | None) -> Iterator[None]:
-    """Compute on a device inside the block: "cpu", "gpu" or "auto"; None changes nothing.
-
-    With "gpu", what cannot run there runs on the processor, and a message says why. "auto" takes
-    the GPU where whole operations were measured to be faster; so far that is nowhere.
-
-    Raises
-    ------
-    InvalidOptionError
-        For another name.
-
-    See Also
-    --------
-    thread_limit : how many threads of the processor are used.
-
-    Examples
-    --------
-    >>> import medialis
-    >>> with medialis.use_device("cpu"):
-    ...     cloud = medialis.surface_skeleton(medialis.organic_shape(56))
-    """
-    token = _chosen.set(_chosen.get() if name is None else _checked(name))
-    try:
-        yield
-    finally:
-        _chosen.reset(token)
-
-
-def on_gpu(work: Callable[[Session], T], size: float, least: float, progress: Progress) -> T | None:
-    """Return what a piece of work gives on the GPU; None where the processor is to do it.
-
-    Parameters
-    ----------
-    work : callable
-        Called with a `Session`. It must leave nothing half-written: when the GPU fails, the
-        processor does all of it.
-    size : float
-        Items of the work.
-    least : float
-        Size from which "auto" takes the GPU.
-    """
-    choice = device_choice()
-    if choice == "cpu" or (choice == "auto" and size < least):
-        return None
-    try:
-        with opened_device().session(progress) as session:
-            return work(session)
-    except GpuError as error:
-        if choice == "gpu" and not any(one.code == "gpu_not_used" for one in progress.messages):
-            progress.warn(f"The processor did what the GPU could not: {error}", "gpu_not_used")
-        return None
 
 
 class Driver:
@@ -158,8 +72,7 @@ class Driver:
             text = ctypes.c_char_p()
             self._library.cuGetErrorString(code, ctypes.byref(text))
             why = (text.value or b"an error that it does not know").decode("utf-8", "replace")
-            kind = MemoryFullError if code == OUT_OF_MEMORY else GpuError
-            raise kind(f"{name} failed: {why} ({code}).")
+            raise GpuError(f"{name} failed: {why} ({code}).")
 
 
 def load_library() -> Any:
@@ -198,7 +111,8 @@ class DeviceArray:
 
     def words(self) -> list[ctypes.c_uint64]:
         """Return what a kernel gets: no owners, items, size of one, address, shape and strides."""
-        strides, step = [], self.dtype.itemsize
+        strides: list[int] = []
+        step = self.dtype.itemsize
         for length in reversed(self.shape):
             strides.insert(0, step)
             step *= length
@@ -206,7 +120,7 @@ class DeviceArray:
         return [ctypes.c_uint64(one) for one in (*fields, *self.shape, *strides)]
 
 
-class Device:
+class Gpu:
     """The first GPU, its context and the kernels that were loaded into it."""
 
     def __init__(self) -> None:
@@ -273,12 +187,12 @@ class Session:
 
     Parameters
     ----------
-    device : Device
+    device : Gpu
     progress : Progress
         Asked between launches.
     """
 
-    def __init__(self, device: Device, progress: Progress) -> None:
+    def __init__(self, device: Gpu, progress: Progress) -> None:
         self._device, self._call, self.progress = device, device.call, progress
         self._taken: list[int] = []
 
@@ -426,11 +340,11 @@ def kernel(name: str) -> dict[str, Any]:
     return about
 
 
-_device: list[Device | GpuError] = []
+_opened: list[Gpu | GpuError] = []
 _opening = threading.Lock()
 
 
-def opened_device() -> Device:
+def opened_gpu() -> Gpu:
     """Return the GPU of this process, opened when it is asked for first.
 
     Raises
@@ -439,12 +353,12 @@ def opened_device() -> Device:
         Where there is none, or another process opened it that this one was forked from.
     """
     with _opening:
-        if not _device:
+        if not _opened:
             try:
-                _device.append(Device())
+                _opened.append(Gpu())
             except GpuError as error:
-                _device.append(error)
-        found = _device[0]
+                _opened.append(error)
+        found = _opened[0]
     if isinstance(found, GpuError):
         raise found
     if found.process != os.getpid():

@@ -269,8 +269,8 @@ def huge_surface_skeleton(
         with progress.stage("balls", 0.25, 0.9):
             results = _new_results(files, new, len(samples))
             if scheduler is None:
-                out = tuple(results[name] for name in OUT)
-                options.run_all(0, len(samples), tree, 1, out, progress)
+                columns = tuple(results[name] for name in OUT)
+                options.run_all(0, len(samples), tree, 1, columns, progress)
             else:
                 shrink_there(files, tree, options, scheduler, progress)
         with progress.stage("finish", 0.9, 1.0):

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from medialis.base.device import DEVICES
 from medialis.base.errors import InvalidOptionError, nearest
 from medialis.base.validation import AXES
 from medialis.cli.display import STYLES, say
@@ -276,7 +277,7 @@ def _add_operation(sub: argparse.ArgumentParser, chosen: Operation, run: Command
             help="from the balls inside (default), or from pictures all round, which takes point "
             "clouds and open meshes too and has options of its own (medialis view-curve-skeleton)",
         )
-    sub.add_argument("--threads", type=int, help="use at most this many threads")
+    _add_processors(sub)
     sub.add_argument("--json", action="store_true", help="print the manifest as one JSON object")
     sub.add_argument("--no-picture", action="store_true", help="write no picture")
     _add_report(sub, "of the result")
@@ -395,9 +396,19 @@ def _add_robot_balls(sub: argparse.ArgumentParser) -> None:
         "more, in the frame of the first link and in metres: 0 0 1 0 for a robot on a table",
     )
     sub.add_argument("--overwrite", action="store_true", help="replace files that are there")
-    sub.add_argument("--threads", type=int, help="use at most this many threads")
+    _add_processors(sub)
     sub.add_argument("--json", action="store_true", help="print the figures as one JSON object")
     _add_progress(sub)
+
+
+def _add_processors(sub: argparse.ArgumentParser) -> None:
+    sub.add_argument("--threads", type=int, help="use at most this many threads")
+    sub.add_argument(
+        "--device",
+        choices=DEVICES,
+        help="what computes: gpu takes an NVIDIA GPU for what can run there (docs/gpu.md); auto, "
+        "the default, so far the processor",
+    )
 
 
 def _add_view(sub: argparse.ArgumentParser) -> None:
@@ -423,7 +434,7 @@ def _add_view(sub: argparse.ArgumentParser) -> None:
     _add_unit(sub)
     _add_up(sub)
     sub.add_argument("--open", action="store_true", help="open the page in the browser")
-    sub.add_argument("--threads", type=int, help="use at most this many threads")
+    _add_processors(sub)
     _add_progress(sub)
 
 

@@ -25,6 +25,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
 
+from medialis.base.device import use_device
 from medialis.base.errors import (
     Cancelled,
     FileError,
@@ -606,7 +607,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options = parser.parse_args(given)
             level = logging.INFO if getattr(options, "verbose", False) else logging.ERROR
             logging.basicConfig(level=level, format="%(message)s", stream=sys.stderr)
-            code: int = options.command(options)
+            with use_device(getattr(options, "device", None)):
+                code: int = options.command(options)
             sys.stdout.flush()
             return code
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001 - raised again if unknown

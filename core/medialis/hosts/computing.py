@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from medialis.base.children import Child
+from medialis.base.device import Device
 from medialis.base.errors import Cancelled, MedialisError
 from medialis.base.validation import FloatArray, IntArray
 from medialis.base.version import package_version
@@ -185,6 +186,7 @@ class Computer:
         render: Renderer | None = None,
         threads: int | None = None,
         unit: str | None = None,
+        device: Device | None = None,
     ) -> Computation:
         """Begin an operation on points and faces as the host has them.
 
@@ -198,6 +200,8 @@ class Computer:
             At most this many.
         unit : str, optional
             What one unit of the points is, such as "mm".
+        device : str, optional
+            What computes: "cpu", "gpu" or "auto".
 
         Raises
         ------
@@ -207,7 +211,14 @@ class Computer:
         self._require_process()
         given = pack((points, faces), self.folder)
         task = Task(
-            name, dict(parameters), given, str(self.folder), render is not None, threads, unit
+            name,
+            dict(parameters),
+            given,
+            str(self.folder),
+            render is not None,
+            threads,
+            unit,
+            device,
         )
         self._free = False
         with suppress(OSError):  # what cannot take it is noticed as dead by `hear`

@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.cache_folder import kernel_cache
+from medialis.base.device import Device, use_device
 from medialis.base.errors import Cancelled, FileError, MedialisError
 from medialis.base.kept import Bound, kept
 from medialis.base.progress import Progress
@@ -128,6 +129,7 @@ class Task:
     views : bool
         The host renders views.
     threads : int or None
+    device : str or None
     unit : str or None
         What one unit of the points is.
     """
@@ -139,6 +141,7 @@ class Task:
     views: bool = False
     threads: int | None = None
     unit: str | None = None
+    device: Device | None = None
 
 
 class Given(Bound):
@@ -276,7 +279,7 @@ def compute(task: Task, host: Host) -> tuple[Shape, Result]:
 
         shape = kept(make_shape, given, task.unit, repaired, progress)
     views = view_source(_views_of(task, host, progress)) if task.views else nullcontext()
-    with views, progress.stage("compute", begin + 0.1, 1.0):
+    with views, progress.stage("compute", begin + 0.1, 1.0), use_device(task.device):
         result = run(task.name, shape, threads=task.threads, progress=progress, **task.parameters)
     values = {"spacing": result.shape.spacing, **result.values}  # hosts draw points as large
     extras = {name: part for name, part in result.extras.items() if name in HANDED_OVER}

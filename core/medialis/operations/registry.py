@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import Any
 
+from medialis.base.device import Device, use_device
 from medialis.base.errors import InvalidOptionError, InvalidShapeError, nearest
 from medialis.base.kept import kept
 from medialis.base.options import Options
@@ -83,6 +84,7 @@ def run(
     shape: ShapeLike,
     *,
     threads: int | None = None,
+    device: Device | None = None,
     progress: Progress | ProgressCallback | None = None,
     **parameters: Any,
 ) -> Result:
@@ -99,6 +101,8 @@ def run(
         Of trimesh, PyVista, Open3D, meshio or pymeshlab; all but a `Shape` is repaired first.
     threads : int, optional
         At most this many; all processors when missing.
+    device : {"auto", "cpu", "gpu"}, optional
+        What computes: see `use_device`.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
     **parameters
@@ -142,7 +146,7 @@ def run(
     far = bool(offset.any())
     near = kept(near_origin, data, None, lambda: near_origin(data), progress) if far else data
     asked, before = options, len(progress.messages)
-    with thread_limit(threads):
+    with thread_limit(threads), use_device(device):
         options = options.with_auto_resolved(near, progress)
         outcome = chosen.run(near, options, progress)
     numbers = _numbers_chosen(asked, progress.messages[before:])

@@ -110,7 +110,7 @@ def _runs_near(grid, place, runs):
     A run is the points in cells that follow each other along the last axis.
     """
     low, width, shape = grid.low, grid.width, grid.shape
-    span, count = int(math.ceil(1.0 / width)), 0  # on a GPU its ceiling is a float
+    span, count = 2 if width < 1.0 else 1, 0
     a, b = _cell(place[0], low[0], width, shape[0]), _cell(place[1], low[1], width, shape[1])
     c = _cell(place[2], low[2], width, shape[2])
     first, last = max(c - span, 0), min(c + span, shape[2] - 1)

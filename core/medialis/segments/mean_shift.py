@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import Described, Index, Mask, extent, kd_tree
+from medialis.base.device import NEVER, on_gpu
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
-from medialis.base.gpu import NEVER, Session, on_gpu
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, flag, length, whole
 from medialis.base.progress import Progress
@@ -44,6 +44,7 @@ from medialis.skeleton.surface_skeleton import (
 )
 
 if TYPE_CHECKING:
+    from medialis.base.gpu import Session
     from medialis.segments._kernels import Grid
 
 Kernel = Literal["gaussian", "flat"]
@@ -320,8 +321,8 @@ def _votes(
 
     def vote_there(session: Session) -> tuple[Index, FloatArray]:
         steps = session.put(grid), session.put(owner)
-        given = session.put(places), session.empty(labels.shape, labels.dtype)
-        given = *given, session.empty(shares.shape, shares.dtype)
+        found = session.empty(labels.shape, np.int64), session.empty(labels.shape, np.float64)
+        given = session.put(places), *found
         rows = max(min(session.room() // (16 * clusters), PLACES_A_LAUNCH, len(places)), 1)
         votes = session.zeros((rows, clusters), np.float64)
         touched = session.empty((rows, clusters), np.int64)
@@ -330,7 +331,7 @@ def _votes(
             points, out, share = (array[begin : begin + rows] for array in given)
             some = *steps, points, votes, touched, out, share
             session.launch(f"{KERNELS}:vote", len(points), *some)
-        return session.get(given[1]), session.get(given[2])
+        return session.get(found[0]), session.get(found[1])
 
     found = on_gpu(vote_there, len(places), NEVER, progress)
     if found is None:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.gpu import NEVER, Session, on_gpu
+from medialis.base.device import NEVER, on_gpu
 from medialis.base.progress import Progress
 
 if TYPE_CHECKING:
     from medialis.base._box_tree_kernels import BoxTree
+    from medialis.base.gpu import Session
 
 BALLS_A_BLOCK = 1 << 22
 """A gigabyte of tangents and results."""
