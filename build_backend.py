@@ -1,8 +1,10 @@
-"""The build backend: that of setuptools, and three things that it does before.
+"""The build backend: that of setuptools, and four things that it does before.
 
 - The machine code of the kernels (`core/kernel_library/build.py`), where a C compiler is there: the
   wheel is one of this system and Python then. With `MEDIALIS_PURE=1`, or without a compiler, it is
   the one for all, with which numba compiles. Editable installs have none: `make kernels`.
+- The kernels for GPUs (`build_gpu.py` there), where their compiler has wheels: the same for all
+  systems.
 - The script that the viewer draws with, where npm is there (`core/viewer_library/build.py`).
 - The long description: the README, whose links lead to the files of this version on the web.
 """
@@ -10,6 +12,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import runpy
 import shutil
@@ -35,6 +38,8 @@ LINK = re.compile(r"((?<!!)\[(?:[^][]|!\[[^][]*\])*\]\()(?!\w+:|#)")
 """Up to a target that is relative to the page."""
 
 KERNELS = ROOT / "core" / "kernel_library" / "build.py"
+GPU_KERNELS = KERNELS.with_name("build_gpu.py")
+GPU_COMPILER = KERNELS.with_name("gpu_compiler.txt")
 
 
 def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) -> list[str]:
@@ -42,6 +47,9 @@ def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     with_range = [one for one in project["dependencies"] if one.startswith(("numba", "threadpool"))]
     needed = [*with_range, "numpy>=2"] if why_pure() is None else []
+    if needed and sys.platform != "darwin" and platform.machine().lower() in ("x86_64", "amd64"):
+        lines = GPU_COMPILER.read_text("ascii").splitlines()
+        needed += [line for line in lines if not line.startswith("#")]
     return [*build_meta.get_requires_for_build_wheel(config_settings), *needed]
 
 
@@ -79,7 +87,8 @@ def build_wheel(
     if reason := why_pure():
         print(f"A wheel without machine code is built: {reason}.", file=sys.stderr)
     else:
-        subprocess.run([sys.executable, str(KERNELS)], check=True, stdout=sys.stderr)
+        for script in (KERNELS, GPU_KERNELS):
+            subprocess.run([sys.executable, str(script)], check=True, stdout=sys.stderr)
         BuildWithKernels.made = tuple(runpy.run_path(str(KERNELS))["made_files"]())
         Distribution.has_ext_modules = lambda self: True  # type: ignore[method-assign]
     return build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)

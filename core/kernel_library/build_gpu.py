@@ -1,6 +1,6 @@
 """Compile the kernels for GPUs to PTX: one file, `medialis/base/gpu_kernels.xz`, for all systems.
 
-    python core/kernel_library/build_gpu.py          # when a source has changed; `make kernels`
+    python core/kernel_library/build_gpu.py [FILE]   # when a source has changed; `make kernels`
 
 It needs numba and what `gpu_compiler.txt` names, in `build/gpu-compiler` or installed; no GPU and
 no driver. The file holds JSON: for each kernel the hash of its sources, the types it takes, the
@@ -73,10 +73,10 @@ def stamps() -> dict[str, str]:
     return {one.name: stamp_of(one.name.partition(".")[0]) for one in listed()}
 
 
-def is_made() -> bool:
+def is_made(target: Path) -> bool:
     """Tell whether the file is there and made from these sources."""
     try:
-        known = json.loads(lzma.decompress(TARGET.read_bytes()))
+        known = json.loads(lzma.decompress(target.read_bytes()))
     except (OSError, ValueError, lzma.LZMAError):
         return False
     made = {name: (about["stamp"], about["types"], about["how"]) for name, about in known.items()}
@@ -196,9 +196,9 @@ def shorter(ptx: str) -> str:
     return "\n".join(line for line in lines if line and "NumbaEnv" not in line) + "\n"
 
 
-def build(say: Any = print) -> bool:
+def build(target: Path = TARGET, say: Any = print) -> bool:
     """Make the file where it is not up to date; return whether it is there then."""
-    if is_made():
+    if is_made(target):
         return True
     folder = toolkit()
     if folder is None:
@@ -221,12 +221,12 @@ def build(say: Any = print) -> bool:
         made[one.name] = {**about, "entry": entry, "ptx": ptx}
     text = json.dumps(made, sort_keys=True).encode("ascii")
     packed = lzma.compress(text, preset=9 | lzma.PRESET_EXTREME)
-    fresh = TARGET.with_suffix(".new")
+    fresh = target.with_suffix(".new")
     fresh.write_bytes(packed)
-    fresh.replace(TARGET)
-    say(f"{len(made)} kernels for GPUs, {len(packed) / 1e3:.0f} kB; {TARGET}")
+    fresh.replace(target)
+    say(f"{len(made)} kernels for GPUs, {len(packed) / 1e3:.0f} kB; {target}")
     return True
 
 
 if __name__ == "__main__":
-    build()
+    build(*map(Path, sys.argv[1:2]))

@@ -1,5 +1,6 @@
 # The public names; __init__.py loads each when it is first used.
 from medialis.base.arrays import Ragged as Ragged
+from medialis.base.device import use_device as use_device
 from medialis.base.errors import Cancelled as Cancelled
 from medialis.base.errors import FileError as FileError
 from medialis.base.errors import InvalidOptionError as InvalidOptionError

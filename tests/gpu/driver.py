@@ -145,13 +145,17 @@ class FakeDriver:
         assert 0 < last - first <= grid[0] * grid[3]
         arguments = words.values(one.words)
         assert words.at == len(pointers)
+        self.run(one.name, first, last, arguments)
+
+    def run(self, name: str, first: int, last: int, arguments: list[Any]) -> None:
+        """Run some items of a kernel."""
         rooms = [
             self._random.integers(0, 256, (*shape, np.dtype(dtype).itemsize), np.uint8)
             .view(dtype)
             .reshape(shape)
-            for shape, dtype in one.rooms
+            for shape, dtype in LISTED[name].rooms
         ]
-        body = named(one.name)
+        body = named(name)
         for item in self._random.permutation(np.arange(first, last)).tolist():
             body(item, *arguments, *rooms)
 

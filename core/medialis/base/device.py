@@ -95,7 +95,7 @@ def on_gpu(work: Callable[[Session], T], size: float, least: float, progress: Pr
     from medialis.base.gpu import opened_gpu
 
     try:
-        with opened_gpu().session(progress) as session:
+        with opened_gpu().session(progress.still) as session:
             return work(session)
     except GpuError as error:
         if choice == "gpu" and not any(one.code == "gpu_not_used" for one in progress.messages):

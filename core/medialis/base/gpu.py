@@ -34,6 +34,7 @@ from medialis.base.progress import Progress
 
 KERNELS = PACKAGE / "base" / "gpu_kernels.xz"
 """PTX of all kernels; `build_gpu.py` says what it holds."""
+NOT_MADE = "this installation has no kernels for GPUs (in a clone `make kernels` makes them)."
 BLOCK = 128
 """Threads in a block."""
 ITEMS_A_LAUNCH = 1 << 20
@@ -160,24 +161,33 @@ class Gpu:
                 self.call("cuDevicePrimaryCtxRelease_v2", self._number)
 
     @contextmanager
-    def session(self, progress: Progress | None = None) -> Iterator[Session]:
-        """Open a session: one at a time, on any thread, whose own context stays as it is."""
+    def _current(self) -> Iterator[None]:
+        """Make the context that of this thread in the block: one thread at a time."""
         with self._lock:
             self.call("cuCtxPushCurrent_v2", self._context)
-            session = Session(self, progress or Progress())
+            try:
+                yield
+            finally:
+                self.call("cuCtxPopCurrent_v2", ctypes.byref(ctypes.c_void_p()))
+
+    @contextmanager
+    def session(self, progress: Progress) -> Iterator[Session]:
+        """Open a session: one at a time, on any thread, whose own context stays as it is."""
+        with self._current():
+            session = Session(self, progress)
             try:
                 yield session
             finally:
                 session.close()
-                self.call("cuCtxPopCurrent_v2", ctypes.byref(ctypes.c_void_p()))
 
     def function(self, name: str) -> ctypes.c_void_p:
         """Return a kernel, which the driver compiles when it is asked for the first time."""
         if name not in self._functions:
             about, module, function = kernel(name), ctypes.c_void_p(), ctypes.c_void_p()
-            self.call("cuModuleLoadData", ctypes.byref(module), about["ptx"].encode() + b"\0")
-            entry = about["entry"].encode()
-            self.call("cuModuleGetFunction", ctypes.byref(function), module, entry)
+            with self._current():
+                self.call("cuModuleLoadData", ctypes.byref(module), about["ptx"].encode() + b"\0")
+                entry = about["entry"].encode()
+                self.call("cuModuleGetFunction", ctypes.byref(function), module, entry)
             self._functions[name] = function
         return self._functions[name]
 
@@ -189,11 +199,11 @@ class Session:
     ----------
     device : Gpu
     progress : Progress
-        Asked between launches.
+        Asked between launches: a `Progress.still`.
     """
 
     def __init__(self, device: Gpu, progress: Progress) -> None:
-        self._device, self._call, self.progress = device, device.call, progress
+        self._device, self._call, self._progress = device, device.call, progress
         self._taken: list[int] = []
 
     def close(self) -> None:
@@ -271,7 +281,7 @@ class Session:
         function = self._device.function(name)
         words = [word for one in arguments for word in _words(one)]
         for first in range(0, count, ITEMS_A_LAUNCH):
-            self.progress.update(first / count)
+            self._progress.update(0.0)
             last = min(first + ITEMS_A_LAUNCH, count)
             every = [ctypes.c_int64(first), ctypes.c_int64(last), *words]
             pointers = (ctypes.c_void_p * len(every))(*(ctypes.addressof(one) for one in every))
@@ -319,6 +329,19 @@ def made_kernels() -> dict[str, Any]:
     return found
 
 
+def kernel_names() -> list[str]:
+    """Return the kernels that were made.
+
+    Raises
+    ------
+    GpuError
+        Where none were.
+    """
+    if not made_kernels():
+        raise GpuError(NOT_MADE)
+    return list(made_kernels())
+
+
 @cache
 def _stamp(feature: str) -> str:
     return stamp_of(feature)
@@ -334,7 +357,7 @@ def kernel(name: str) -> dict[str, Any]:
     """
     about: dict[str, Any] | None = made_kernels().get(name)
     if about is None:
-        raise GpuError("this installation has no kernels for GPUs (`make kernels` makes them).")
+        raise GpuError(NOT_MADE)
     if about["stamp"] != _stamp(name.partition(".")[0]):
         raise GpuError("the sources have changed since the kernels for GPUs were made.")
     return about

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.cache_folder import kernel_cache, kernels_are_compiled, written_by_others
+from medialis.base.device import GpuError
 from medialis.base.errors import FileError
 from medialis.base.jit import record
 from medialis.base.threads import thread_count
@@ -89,7 +90,7 @@ def examine(machine: Machine | None = None) -> list[Finding]:
         needed = [pool.submit(_needed, name) for name in names]
         extras = [pool.submit(_extra, name) for name in EXTRAS]
         found += [future.result() for future in needed]
-        found += [_threads(), *([_cache()] if found[-1].state == "ok" else [])]
+        found += [_threads(), *([_cache()] if found[-1].state == "ok" else []), _gpu()]
         found += [future.result() for future in extras]
     found.append(_viewer())
     try:
@@ -170,6 +171,20 @@ def _threads() -> Finding:
     if "NUMBA_NUM_THREADS" in os.environ:
         text += "; NUMBA_NUM_THREADS changes nothing here"
     return Finding("threads", "ok", text)
+
+
+def _gpu() -> Finding:
+    """Say which GPU there is, and whether it takes the kernels."""
+    from medialis.base.gpu import kernel_names, opened_gpu
+
+    try:
+        gpu, names = opened_gpu(), kernel_names()
+        for name in names:
+            gpu.function(name)
+    except GpuError as error:
+        return Finding("GPU", "missing", f"not used: {error}")
+    text = f"{gpu.name}, driver for CUDA {gpu.driver}, takes all {len(names)} kernels"
+    return Finding("GPU", "ok", f"{text}; --device gpu computes there")
 
 
 def _cache() -> Finding:

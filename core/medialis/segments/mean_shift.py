@@ -217,7 +217,8 @@ def shift_seeds(
         grid, _ = _grid(places, scaled)
         steps, lengths = _paths(grid, starts, options.last_steps, progress)
         ends = steps[np.cumsum(lengths) - 1]
-        merge_ends = partial(_merged, grid, ends, (merge or radius) / radius)
+        density = _densities(grid, ends, progress)
+        merge_ends = partial(_merged, ends, density, (merge or radius) / radius)
         centers, cluster = run_patiently(merge_ends, progress)
     with progress.stage("votes", 0.5, 1.0):
         grid, order = _grid(steps, scaled)
@@ -284,20 +285,26 @@ def _paths(
     return np.concatenate(steps), np.concatenate(lengths)
 
 
-def _merged(grid: Grid, ends: FloatArray, merge: float) -> tuple[FloatArray, Index]:
-    """Return the centers, densest first, and the center of each end."""
+def _densities(grid: Grid, places: FloatArray, progress: Progress) -> FloatArray:
+    """Return the sum of the weights of the points about each place."""
     from medialis.segments._kernels import weigh_places
 
     def weigh_there(session: Session) -> FloatArray:
-        out = session.empty(len(ends), np.float64)
-        given = session.put(grid), session.put(ends), out
-        session.launch(f"{KERNELS}:weigh_place", len(ends), *given)
+        out = session.empty(len(places), np.float64)
+        given = session.put(grid), session.put(places), out
+        session.launch(f"{KERNELS}:weigh_place", len(places), *given)
         return session.get(out)
 
-    density = on_gpu(weigh_there, len(ends), NEVER, Progress())
-    if density is None:
-        density = np.empty(len(ends))
-        run_chunks(partial(weigh_places, grid, ends), len(ends), POINTS_A_CHUNK, density)
+    found = on_gpu(weigh_there, len(places), NEVER, progress)
+    if found is None:
+        found = np.empty(len(places))
+        weigh = partial(weigh_places, grid, places)
+        run_chunks(weigh, len(places), POINTS_A_CHUNK, found, progress=progress.still)
+    return found
+
+
+def _merged(ends: FloatArray, density: FloatArray, merge: float) -> tuple[FloatArray, Index]:
+    """Return the centers, densest first, and the center of each end."""
     cluster = np.full(len(ends), -1, np.int64)
     centers: list[FloatArray] = []
     # Ties by place: the order of the seeds does not matter.

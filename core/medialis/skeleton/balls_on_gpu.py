@@ -26,13 +26,13 @@ def shrink_there(
     tangents: Any, progress: Progress,
 ) -> bool:  # fmt: skip
     """Shrink balls as `Shrinking.run` does, where a GPU is used; return whether it was."""
-    work = partial(_shrink, lengths, begin, end, tree, sign, out, tangents)
+    work = partial(_shrink, lengths, begin, end, tree, sign, out, tangents, progress)
     return on_gpu(work, end - begin, NEVER, progress) is not None
 
 
 def _shrink(
     lengths: Any, begin: int, end: int, tree: BoxTree, sign: int, out: tuple[NDArray[Any], ...],
-    tangents: Any, session: Session,
+    tangents: Any, progress: Progress, session: Session,
 ) -> bool:  # fmt: skip
     from medialis.skeleton._ball_kernels import LEADERS, Columns
     from medialis.skeleton.medial_cloud import blank_balls
@@ -51,5 +51,5 @@ def _shrink(
         for values, columns, mine in zip(out, given[2], found, strict=True):
             values[rows] = session.get(columns, mine)
         session.free(*given[:2], *given[2])
-        session.progress.update((last - begin) / (end - begin))
+        progress.update((last - begin) / (end - begin))
     return True
