@@ -29,6 +29,7 @@ from medialis.base.device import GpuError
 RESULTS = Path(__file__).resolve().parent / "results"
 SHAPES = Path(__file__).resolve().parents[2] / "shared" / "shapes"
 RUNS = 10
+SHORT = 10.0
 PARTS = ("put", "launch", "get")
 BALLS = ("centers", "radii", "features", "status")
 VIEWS = (("horse", 500, 512), ("horse", 500, 1024))
@@ -134,7 +135,10 @@ def measure(
     def fits(seconds: float) -> bool:
         return time.perf_counter() + seconds < end
 
-    row[f"{every} threads"], expected = run(work, "cpu", None)
+    seconds, expected = run(work, "cpu", None)
+    if seconds < SHORT:  # it may have compiled, or woken something
+        seconds = min(seconds, *(run(work, "cpu", None)[0] for _ in range(3)))
+    row[f"{every} threads"] = seconds
     before = dict(clock.seconds)
     row["first run"], found = run(work, "gpu", None)
     if clock.seconds["launch"] == before["launch"]:
