@@ -2,8 +2,8 @@
 
     python core/kernel_library/build_gpu.py          # when a source has changed; `make kernels`
 
-It needs numba and the compiler of NVIDIA, NVVM, of the package that `COMPILER` names; no GPU and no
-driver. The file holds JSON: for each kernel the hash of its sources, the types that it takes, the
+It needs numba and what `gpu_compiler.txt` names, in `build/gpu-compiler` or installed; no GPU and
+no driver. The file holds JSON: for each kernel the hash of its sources, the types it takes, the
 name of its entry and its PTX for sm_75, which every driver since 525 compiles for the GPU that it
 drives. Products and sums are not contracted, so that results are those of the processor.
 
@@ -19,6 +19,7 @@ import importlib.util
 import json
 import lzma
 import re
+import site
 import sys
 import types as python_types
 from functools import cache
@@ -32,8 +33,7 @@ from medialis.base.jit import code_of, stamp_of  # noqa: E402
 
 LIST = HERE / "gpu_kernels.txt"
 TARGET = HERE.parent / "medialis" / "base" / "gpu_kernels.xz"
-COMPILER = "nvidia-cuda-nvcc-cu12==12.0.140"
-"""NVVM 12.0 writes PTX 8.0, which drivers from 2022 on read; that of CUDA 13 asks for 2025."""
+COMPILER = HERE.parent.parent / "build" / "gpu-compiler"
 CAPABILITY = 7, 5
 
 
@@ -78,28 +78,32 @@ def is_made() -> bool:
 
 
 def toolkit() -> Path | None:
-    """Return the folder of the compiler's package; None where it is not installed."""
+    """Return the folder of NVVM; None where it or numba's target for GPUs is not there."""
+    if COMPILER.is_dir():
+        site.addsitedir(str(COMPILER))  # it sends `numba.cuda` to the target
     try:
         found = importlib.util.find_spec("nvidia.cuda_nvcc")
     except ModuleNotFoundError:
         found = None
-    if found is None or not found.submodule_search_locations:
+    if importlib.util.find_spec("numba_cuda") is None or found is None:
         return None
-    return Path(next(iter(found.submodule_search_locations)))
+    return Path(next(iter(found.submodule_search_locations or ())))
 
 
 def prepare(folder: Path) -> None:
     """Let numba compile by the NVVM of a folder, for a GPU that is not there."""
+    import numba.cuda.cudadrv.nvrtc as nvrtc
     import numba.cuda.cudadrv.nvvm as nvvm
     import numba.cuda.dispatcher as dispatcher
 
     library = next((folder / "nvvm").rglob("libnvvm.so*"), None)
     library = library or next((folder / "nvvm").rglob("nvvm64*.dll"))
+    ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)  # what is loaded is used
     (code,) = (folder / "nvvm" / "libdevice").glob("libdevice*.bc")
-    nvvm.open_cudalib = lambda name: ctypes.CDLL(str(library))
-    nvvm.open_libdevice = code.read_bytes
+    nvvm.get_libdevice, nvvm.open_libdevice = (lambda: str(code)), code.read_bytes
     compile_ir = nvvm.compile_ir
     nvvm.compile_ir = lambda ir, **options: compile_ir(ir, **{**options, "fma": 0})
+    nvrtc.get_arch_option = lambda major, minor: f"compute_{major}{minor}"
     device = python_types.SimpleNamespace(compute_capability=CAPABILITY)
     dispatcher.get_current_device = lambda: device
 
@@ -140,7 +144,7 @@ def launched(one: Listed, body: Any) -> Any:
     import numpy
 
     scope: dict[str, Any] = {"cuda": cuda, "numpy": numpy, "body": body}
-    exec("\n".join(lines), scope)  # noqa: S102 - cuda takes no functions with any number of values
+    exec("\n".join(lines), scope)  # numba's GPU target takes no `*arguments`
     return scope["launched"]
 
 
@@ -159,7 +163,7 @@ def numpy_name(dtype: str) -> str:
 
 def signature(one: Listed) -> Any:
     """Return the types of a launched function."""
-    from numba import types, typeof
+    from numba import typeof, types
 
     from medialis.hosts.compile_ahead import example
 
@@ -180,13 +184,9 @@ def compiled(one: Listed) -> tuple[str, str]:
 
 
 def shorter(ptx: str) -> str:
-    """Return PTX without comments and empty lines, and with short names for what it calls."""
-    lines = [line.split("//")[0].rstrip() for line in ptx.splitlines()]
-    text = "\n".join(line for line in lines if line)
-    names = sorted(set(re.findall(r"\.func\s+(?:\([^)]*\)\s*)?(_Z\w+)", text)), key=len)
-    for number, name in enumerate(reversed(names)):
-        text = re.sub(rf"\b{name}\b", f"f{number}", text)
-    return text + "\n"
+    """Return PTX without comments, empty lines and what only Python asks for."""
+    lines = [line.split("//")[0].strip() for line in ptx.splitlines()]
+    return "\n".join(line for line in lines if line and "NumbaEnv" not in line) + "\n"
 
 
 def build(say: Any = print) -> bool:
@@ -195,7 +195,7 @@ def build(say: Any = print) -> bool:
         return True
     folder = toolkit()
     if folder is None:
-        say(f"Kernels for GPUs are not made: there is no {COMPILER} here.")
+        say("Kernels for GPUs are not made: what gpu_compiler.txt names is not here.")
         return False
     import warnings
 

@@ -292,7 +292,8 @@ def skeletonize(
             "A silhouette touches the border of its picture: the camera must see the whole shape "
             "with a margin of one pixel."
         )
-    cracks = kernels.column_offsets(runs, scratch.offset)
+    tops = kernels.column_offsets(runs, 0, len(scratch.offset), scratch.offset)
+    cracks = 2 * (len(runs) + tops)
     arc, contour = np.empty(cracks), np.empty(cracks, np.int32)
     length = np.empty(cracks // 4)  # a contour has 4 cracks at least
     pictures = scratch.offset, runs, scratch.upright, scratch.flat
@@ -300,8 +301,8 @@ def skeletonize(
     count = kernels.trace_contours(contours)
     contours = contours._replace(longest=float(contours.length[:count].sum()) / 2)
     begin = np.empty(len(scratch.offset) + 1, np.int32)
-    out = np.empty((3, pixels_in(runs)))  # at most one crossing a pixel
-    count = kernels.saliency_skeleton(contours, saliency, begin, *out, field)
+    out = kernels.Found(*np.empty((3, pixels_in(runs))))  # at most one crossing a pixel
+    count = kernels.saliency_skeleton(contours, saliency, begin, out, field)
     column, importance, distance = (values[:count].copy() for values in out)
     return Crossings(begin, column, importance, distance)
 
