@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
+from medialis.curves.from_views._view_kernels import FAR, NEAR, numbers_of
 
 TURN = math.sqrt(0.5)
 """Distance of the midpoints of two cracks that meet at a right angle."""
@@ -97,15 +98,16 @@ class Found(NamedTuple):
 
 
 @kernel
-def depths_at(near, far, row, column):
+def depths_at(view, row, column):
     """Return near and far depth where a row has a sub-pixel column, or of the pixel beside it.
 
     A crossing lies between two pixels of the shape.
     """
     col = int(column)
-    if math.isnan(near[row, col]):
-        col = col - 1 if column - col < 0.5 else col + 1
-    return near[row, col], far[row, col]
+    at = numbers_of(view, row, col)
+    if at < 0:
+        at = numbers_of(view, row, col - 1 if column - col < 0.5 else col + 1)
+    return view.values[at, NEAR], view.values[at, FAR]
 
 
 @kernel
@@ -126,19 +128,19 @@ def best_partner(x, estimate, other, row, pixel, cosine, sine):
 
 
 @kernel
-def pair_crossings(first, near, far, second, pixel, cosine, sine, out):
+def pair_crossings(first, view, second, cosine, sine, out):
     """Write right, up and depth, as the first camera sees them, of the matched points.
 
-    A match counts when the point lies within the depth range of the first view, `near` to `far`
-    (h, w). Returns the number of points.
+    A match counts when the point lies within the depth range of the first view, a packed one.
+    Returns the number of points.
     """
-    size = len(first.begin) - 1
+    size, pixel = view.size, view.pixel
     middle = 0.5 * size
     count = 0
     for row in range(size):
         for i in range(first.begin[row], first.begin[row + 1]):
             x = (first.column[i] - middle) * pixel
-            low, high = depths_at(near, far, row, first.column[i])
+            low, high = depths_at(view, row, first.column[i])
             j, k = best_partner(x, 0.5 * (low + high), second, row, pixel, cosine, sine)
             if j < 0 or not low <= k <= high:
                 continue
