@@ -31,10 +31,12 @@ class Silhouettes(NamedTuple):
     runs : (r, 3) int32
     view_of : (r,) int32
         View of each run.
-    first_run, first_crack : (v + 1,) int64
-        Runs and cracks of the views before.
+    first_run : (v + 1,) int64
+        Runs of the views before.
     pixel : (r + 1,) int64
         Pixels of the runs before.
+    first_crack : (v + 1,) int64
+        Cracks of the views before.
     offset, upright, flat : (v, h, w) int32
     arc, contour, length : (c,) float64, (c,) int32, (c / 4,) float64
     longest : (v,) float64
@@ -43,8 +45,8 @@ class Silhouettes(NamedTuple):
     runs: NDArray[np.int32]
     view_of: NDArray[np.int32]
     first_run: NDArray[np.int64]
-    first_crack: NDArray[np.int64]
     pixel: NDArray[np.int64]
+    first_crack: NDArray[np.int64]
     offset: NDArray[np.int32]
     upright: NDArray[np.int32]
     flat: NDArray[np.int32]

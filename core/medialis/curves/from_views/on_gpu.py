@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 KERNELS = "curves.from_views._batch_kernels"
 BYTES_A_PIXEL = 20
-"""Memory for a pixel of a picture: three pictures of `Silhouettes`, cracks and distances."""
+"""Memory for a pixel of a picture: three arrays of `Silhouettes`, cracks and distances."""
 BYTES_INSIDE = 160
 """Memory for a pixel of the shape: envelope, crossings, cracks and, where runs are short, runs."""
 
@@ -60,42 +60,44 @@ def silhouette_skeletons(
 def _skeletons(
     session: Session, silhouettes: Sequence[IntArray], size: int, saliency: float, with_field: bool
 ) -> Skeletons:
+    """Return crossings and distances of silhouettes that fit into the memory together."""
     from medialis.curves.from_views._batch_kernels import Silhouettes
     from medialis.curves.from_views._kernels import Envelope, Found, Rows
 
     views, runs = len(silhouettes), np.concatenate(silhouettes)
     run_counts, pixel = np.array([*map(len, silhouettes)]), _sums(runs[:, 2] - runs[:, 1])
-    first_run, pixels, view = _sums(run_counts), int(pixel[-1]), np.arange(views, dtype=np.int32)
+    view_of, first_run = np.repeat(np.arange(views, dtype=np.int32), run_counts), _sums(run_counts)
     offset, tops = session.zeros((views, size, size), "i4"), session.empty(views * size, "i4")
-    on_device = session.put((runs, np.repeat(view, run_counts), first_run, pixel))
-    given = on_device[0], on_device[2], offset, tops
-    session.launch(f"{KERNELS}:offset_column", views * size, *given)
+    indices = session.put((runs, view_of, first_run, pixel))
+    session.launch(f"{KERNELS}:offset_column", len(tops), *indices[::2], offset, tops)
+
     first_crack = _sums(2 * (run_counts + session.get(tops).reshape(views, size).sum(axis=1)))
-    cracks, pictures = int(first_crack[-1]), [session.empty(offset.shape, "i4") for _ in range(2)]
-    many = Silhouettes(
-        *on_device[:3], session.put(first_crack), on_device[3], offset, *pictures,
-        session.empty(cracks, "f8"), session.empty(cracks, "i4"), session.empty(cracks // 4, "f8"),
-        session.zeros(views, "f8"),
-    )  # fmt: skip
+    cracks, pixels = int(first_crack[-1]), int(pixel[-1])
+    shapes = *2 * ((offset.shape, "i4"),), (cracks, "f8"), (cracks, "i4"), (cracks // 4, "f8")
+    parts: list[Any] = [session.empty(*one) for one in (*shapes, (views, "f8"))]
+    parts = [*indices, session.put(first_crack), offset, *parts]
+    many: Any = Silhouettes(*parts)
     counts = session.empty(views, "i8")
     session.launch(f"{KERNELS}:trace_view", views, many, counts)
-    lengths, ends = session.get(many.length), first_crack[:-1] // 4 + session.get(counts)
-    spans = zip(first_crack // 4, ends, strict=False)
+    lengths, starts = session.get(many.length), first_crack[:-1] // 4
+    spans = zip(starts, starts + session.get(counts), strict=True)
     longest = np.array([lengths[begin:end].sum() / 2 for begin, end in spans])
     many = many._replace(longest=session.put(longest))
+
     shape = (views, size, size) if with_field else (views, 0, 0)
-    fields, cracks_of = session.empty(shape, "f4"), session.empty(shape, "i4")
-    scratch = Envelope(*(session.empty(pixels + 2 * len(runs), "i8") for _ in range(3)))
-    crossings = Found(*(session.empty(pixels, "f8") for _ in range(3)))
+    fields, facing = session.empty(shape, "f4"), session.empty(shape, "i4")
+    scratch: list[Any] = [session.empty(pixels + 2 * len(runs), "i8") for _ in range(3)]
+    out: list[Any] = [session.empty(pixels, "f8") for _ in range(3)]
     counts = session.empty(len(runs), "i8")
-    out = scratch, crossings, counts, cracks_of, fields
-    session.launch(f"{KERNELS}:cross_run", len(runs), many, saliency, *out)
+    arguments = many, saliency, Envelope(*scratch), Found(*out), counts, facing, fields
+    session.launch(f"{KERNELS}:cross_run", len(runs), *arguments)
     if with_field:
-        session.launch(f"{KERNELS}:compare_run", len(runs), many, saliency, cracks_of, fields)
+        session.launch(f"{KERNELS}:compare_run", len(runs), many, saliency, facing, fields)
+
     first = _sums(session.get(counts))
     column = session.empty(int(first[-1]), "f8")
     distance = session.empty(pixels if with_field else 0, "f4")
-    gathered = many, crossings.column, session.put(first), fields, column, distance
+    gathered = many, out[0], session.put(first), fields, column, distance
     session.launch(f"{KERNELS}:gather_run", len(runs), *gathered)
     columns, rows = session.get(column), []
     for a, b in pairwise(first_run):

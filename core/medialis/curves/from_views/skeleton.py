@@ -127,7 +127,8 @@ class PackedViews:
         """
         from medialis.curves.from_views._view_kernels import FIELD
 
-        firsts, lefts, rights, distances, places = ([None] * len(pairs) for _ in range(5))
+        places: list[FloatArray] = [NOWHERE] * len(pairs)
+        firsts, lefts, rights, distances = (list[Any](pairs) for _ in range(4))
 
         def draw(first: int, last: int, begin: int, views: Sequence[View | None]) -> None:
             for at in range(first, last):
