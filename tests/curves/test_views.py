@@ -21,6 +21,7 @@ from medialis.curves.from_views.views import (
     camera_pairs,
     pair_points,
     silhouette_skeleton,
+    skeletonize,
     sphere_of,
 )
 from medialis.shape.shape import Shape
@@ -418,6 +419,7 @@ def test_outlines_give_the_silhouette_of_all_triangles(kind):
     canvas = Canvas(triangles, 128)
     center, radius = sphere_of(shape.points)
     for _, camera in camera_pairs(center, radius, pairs=3, angle=0.3, size=128):
-        whole, outline = canvas.first(camera, 1.0).crossings, canvas.second(camera, 1.0)
+        whole = skeletonize(canvas.first(camera).runs, 1.0, canvas.scratch)
+        outline = skeletonize(canvas.second(camera), 1.0, canvas.scratch)
         assert len(whole.column) > 50 and (whole.begin == outline.begin).all()
         assert (whole.column == outline.column).all()

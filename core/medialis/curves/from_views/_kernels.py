@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.jit import kernel
+from medialis.curves.from_views._view_kernels import FAR, NEAR, numbers_of
 
 TURN = math.sqrt(0.5)
 """Distance of the midpoints of two cracks that meet at a right angle."""
@@ -80,16 +81,33 @@ class Contours(NamedTuple):
     longest: float
 
 
+class Envelope(NamedTuple):
+    """Scratch memory for the parabolas of a run: its pixels + 2 numbers each, int64."""
+
+    column: NDArray[np.int64]
+    key: NDArray[np.int64]
+    start: NDArray[np.int64]
+
+
+class Found(NamedTuple):
+    """Sub-pixel column, importance and distance to the contour of crossings, float64."""
+
+    column: NDArray[np.float64]
+    importance: NDArray[np.float64]
+    distance: NDArray[np.float64]
+
+
 @kernel
-def depths_at(near, far, row, column):
+def depths_at(view, row, column):
     """Return near and far depth where a row has a sub-pixel column, or of the pixel beside it.
 
     A crossing lies between two pixels of the shape.
     """
     col = int(column)
-    if math.isnan(near[row, col]):
-        col = col - 1 if column - col < 0.5 else col + 1
-    return near[row, col], far[row, col]
+    at = numbers_of(view, row, col)
+    if at < 0:
+        at = numbers_of(view, row, col - 1 if column - col < 0.5 else col + 1)
+    return view.values[at, NEAR], view.values[at, FAR]
 
 
 @kernel
@@ -110,19 +128,19 @@ def best_partner(x, estimate, other, row, pixel, cosine, sine):
 
 
 @kernel
-def pair_crossings(first, near, far, second, pixel, cosine, sine, out):
+def pair_crossings(first, view, second, cosine, sine, out):
     """Write right, up and depth, as the first camera sees them, of the matched points.
 
-    A match counts when the point lies within the depth range of the first view, `near` to `far`
-    (h, w). Returns the number of points.
+    A match counts when the point lies within the depth range of the first view, a packed one.
+    Returns the number of points.
     """
-    size = len(first.begin) - 1
+    size, pixel = view.size, view.pixel
     middle = 0.5 * size
     count = 0
     for row in range(size):
         for i in range(first.begin[row], first.begin[row + 1]):
             x = (first.column[i] - middle) * pixel
-            low, high = depths_at(near, far, row, first.column[i])
+            low, high = depths_at(view, row, first.column[i])
             j, k = best_partner(x, 0.5 * (low + high), second, row, pixel, cosine, sine)
             if j < 0 or not low <= k <= high:
                 continue
@@ -152,26 +170,25 @@ def find_runs(near, box, out_runs):
 
 
 @kernel
-def column_offsets(runs, out_offset):
-    """Write rows to the nearest background of the column for the pixels of runs.
+def column_offsets(runs, first, last, out_offset):
+    """Write rows to the nearest background of the column for pixels in the columns first..last - 1.
 
-    Returns the number of cracks: two at the ends of each run, and of each run of a column.
+    Returns the number of runs of these columns. `out_offset` must be zero-initialised.
     """
     tops = 0
-    down = np.zeros(out_offset.shape[1], np.int32)
     for i in range(len(runs)):
-        row, begin, end = runs[i, 0], runs[i, 1], runs[i, 2]
+        row, begin, end = runs[i, 0], max(runs[i, 1], first), min(runs[i, 2], last)
         for col in range(begin, end):
             above = out_offset[row - 1, col]
             out_offset[row, col] = above + 1
             tops += 1 if above == 0 else 0
     for i in range(len(runs) - 1, -1, -1):
-        row, begin, end = runs[i, 0], runs[i, 1], runs[i, 2]
+        row, begin, end = runs[i, 0], max(runs[i, 1], first), min(runs[i, 2], last)
         for col in range(begin, end):
-            up = out_offset[row, col]
-            down[col] = down[col] + 1 if out_offset[row + 1, col] != 0 else 1
-            out_offset[row, col] = down[col] if down[col] < up else -up
-    return 2 * (len(runs) + tops)
+            # A pixel above one that is nearer to the background above is nearer to it, too.
+            up, below = out_offset[row, col], out_offset[row + 1, col]
+            out_offset[row, col] = below + 1 if 0 <= below < up - 1 else -up
+    return tops
 
 
 @kernel
@@ -270,69 +287,97 @@ def row_envelope(offset, row, begin, end, column, key, start):
 @kernel
 def bisector(row, ra, ca, rb, cb):
     """Return the column at which a row is as far from pixel (ra, ca) as from (rb, cb), ca != cb."""
-    return ((rb - row) ** 2 + cb * cb - (ra - row) ** 2 - ca * ca) / (2.0 * (cb - ca))
+    a, b = ra - row, rb - row
+    return (b * b + cb * cb - a * a - ca * ca) / (2.0 * (cb - ca))
 
 
 @kernel
-def saliency_skeleton(
-    contours, saliency, out_begin, out_col, out_importance, out_distance, out_field
-):  # fmt: skip
+def run_crossings(run, contours, saliency, scratch, begin, out, out_cracks, out_field):
+    """Find where a run of pixels crosses the saliency skeleton; return the number of crossings.
+
+    `out` gets them from `begin` on, ascending. `out_field` (h, w), where it is not empty, gets the
+    distance of every pixel center, negative beside the skeleton of this row, and `out_cracks`
+    the crack that it is measured to: row r is stored in row r of so many as there are, modulo.
+    """
+    offset, upright, flat = contours.offset, contours.upright, contours.flat
+    column, start = scratch.column, scratch.start
+    row, first, col = (
+        np.int64(contours.runs[run, 0]), np.int64(contours.runs[run, 1]),
+        np.int64(contours.runs[run, 2]),
+    )  # fmt: skip
+    with_field = len(out_field) > 0
+    line = row % max(len(out_cracks), 1)
+    found, crack_before = begin, np.int32(-1)
+    for part in range(row_envelope(offset, row, first, col, column, scratch.key, start)):
+        c, x, end = column[part], start[part], start[part + 1]
+        r = row + offset[row, c]
+        high = abs(row - r)
+        while x < end:
+            # The crack of the feature point that faces the pixels from here to `past`.
+            if x <= c - high:
+                crack, past = upright[r, c], min(c - high + 1, end)
+            elif x < c + high:
+                crack, past = flat[r + 1 if row > r else r, c], min(c + high, end)
+            else:
+                crack, past = upright[r, c + 1], end
+            if with_field:
+                for k in range(x, past):
+                    out_field[row, k] = math.sqrt(high * high + (k - c) * (k - c)) - 0.5
+                    out_cracks[line, k] = crack
+            if part > 0 and x == start[part] and crack != crack_before:
+                rho = arc_between(crack, crack_before, contours)
+                away = math.sqrt(high * high + (x - c) * (x - c)) - 0.5
+                if rho > max(saliency * away, STAIRS):
+                    left = column[part - 1]
+                    at = bisector(row, row + offset[row, left], left, r, c)
+                    away = math.sqrt((at - c) * (at - c) + high * high) - 0.5
+                    if rho > saliency * away:
+                        out.column[found] = at + 0.5
+                        out.importance[found], out.distance[found] = rho, away
+                        found += 1
+                        if with_field:
+                            out_field[row, x] = -abs(out_field[row, x])
+                            out_field[row, x - 1] = -abs(out_field[row, x - 1])
+            crack_before, x = crack, past
+    return found - begin
+
+
+@kernel
+def compare_rows(run, contours, saliency, cracks, out_field):
+    """Make the distances of pixels of a run, and of those above, negative beside the skeleton.
+
+    `run_crossings` was called for the runs of both rows.
+    """
+    row, begin, end = contours.runs[run, 0], contours.runs[run, 1], contours.runs[run, 2]
+    here, above = row % len(cracks), (row - 1) % len(cracks)
+    for k in range(begin, end):
+        if contours.offset[row - 1, k] != 0 and cracks[above, k] != cracks[here, k]:
+            rho = arc_between(cracks[here, k], cracks[above, k], contours)
+            if rho > max(saliency * abs(out_field[row, k]), STAIRS):
+                out_field[row, k] = -abs(out_field[row, k])
+                out_field[row - 1, k] = -abs(out_field[row - 1, k])
+
+
+@kernel
+def saliency_skeleton(contours, saliency, out_begin, out, out_field):
     """Find where rows cross the saliency skeleton, and, on request, the distance field.
 
-    Crossings of row r have the numbers out_begin[r] to out_begin[r + 1], ascending; out_col is
-    sub-pixel, with pixel centers at halves, and out_distance the distance to the contour. An
-    `out_field` of the size of the picture gets the distance of every pixel center, negative beside
-    the skeleton (crossings of rows and columns). Returns the number of crossings.
+    Crossings of row r have the numbers out_begin[r] to out_begin[r + 1], ascending. An `out_field`
+    of the size of the picture gets the distance of every pixel center, negative beside the skeleton
+    (crossings of rows and columns). Returns the number of crossings.
     """
-    offset, runs, upright, flat = contours.offset, contours.runs, contours.upright, contours.flat
+    offset, runs = contours.offset, contours.runs
     room = offset.shape[1] + 2
-    column, start = np.empty(room, np.int64), np.empty(room, np.int64)  # of the envelope
-    key = np.empty(room, np.int64)
-    cracks = np.empty(room, np.int32)  # of the pixels of the last row
-    with_field = out_field.shape[0] > 0
+    scratch = Envelope(np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64))
+    cracks = np.empty((2, room), np.int32)
     found, begun = 0, 0
     for i in range(len(runs)):
-        row, begin, col = np.int64(runs[i, 0]), np.int64(runs[i, 1]), np.int64(runs[i, 2])
-        while begun <= row:
+        while begun <= runs[i, 0]:
             out_begin[begun] = found
             begun += 1
-        crack_before = np.int32(-1)
-        for part in range(row_envelope(offset, row, begin, col, column, key, start)):
-            c, x, end = column[part], start[part], start[part + 1]
-            r = row + offset[row, c]
-            high = abs(row - r)
-            while x < end:
-                # The crack of the feature point that faces the pixels from here to `past`.
-                if x <= c - high:
-                    crack, past = upright[r, c], min(c - high + 1, end)
-                elif x < c + high:
-                    crack, past = flat[r + 1 if row > r else r, c], min(c + high, end)
-                else:
-                    crack, past = upright[r, c + 1], end
-                if with_field:
-                    for k in range(x, past):
-                        out_field[row, k] = math.sqrt(high**2 + (k - c) ** 2) - 0.5
-                        if offset[row - 1, k] != 0 and cracks[k] != crack:
-                            rho = arc_between(crack, cracks[k], contours)
-                            if rho > max(saliency * out_field[row, k], STAIRS):
-                                out_field[row, k] = -abs(out_field[row, k])
-                                out_field[row - 1, k] = -abs(out_field[row - 1, k])
-                        cracks[k] = crack
-                if part > 0 and x == start[part] and crack != crack_before:
-                    rho = arc_between(crack, crack_before, contours)
-                    away = math.sqrt(high**2 + (x - c) ** 2) - 0.5
-                    if rho > max(saliency * away, STAIRS):
-                        left = column[part - 1]
-                        at = bisector(row, row + offset[row, left], left, r, c)
-                        away = math.sqrt((at - c) ** 2 + high**2) - 0.5
-                        if rho > saliency * away:
-                            out_col[found] = at + 0.5
-                            out_importance[found], out_distance[found] = rho, away
-                            found += 1
-                            if with_field:
-                                out_field[row, x] = -abs(out_field[row, x])
-                                out_field[row, x - 1] = -abs(out_field[row, x - 1])
-                crack_before, x = crack, past
+        found += run_crossings(i, contours, saliency, scratch, found, out, cracks, out_field)
+        if len(out_field) > 0:
+            compare_rows(i, contours, saliency, cracks, out_field)
     while begun < len(out_begin):
         out_begin[begun] = found
         begun += 1

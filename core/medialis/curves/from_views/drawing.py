@@ -23,14 +23,12 @@ from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks
 from medialis.base.validation import FloatArray, IntArray, frozen
 from medialis.curves.from_views.views import (
-    Crossings,
+    Drawn,
     OrthographicCamera,
-    Picked,
     Picture,
     Scratch,
     View,
     runs_of,
-    skeletonize,
     sphere_of,
 )
 from medialis.shape.reading import ShapeLike, as_shape
@@ -177,23 +175,21 @@ class Canvas:
         draw_depth_range(self._triangles.faces, screen, near, far)
         return near, far, box
 
-    def first(self, camera: OrthographicCamera, saliency: float) -> Picked:
-        """Return all depths of a view; `field` has the distances to its contour."""
+    def first(self, camera: OrthographicCamera) -> Drawn:
+        """Return all depths of a view."""
         near, far, box = self.draw(camera)
         runs = runs_of(near, self.scratch, box)
-        crossings = skeletonize(runs, saliency, self.scratch, self.field)
-        return Picked(camera, near, far, crossings, runs)
+        return Drawn(camera, near, far, runs, self.scratch, self.field)
 
-    def second(self, camera: OrthographicCamera, saliency: float) -> Crossings:
-        """Return where rows cross the skeleton of a view that is not drawn."""
+    def second(self, camera: OrthographicCamera) -> IntArray:
+        """Return the runs of the silhouette of a view that is not drawn."""
         from medialis.curves.from_views import _draw_kernels as kernels
 
         screen, box = self._see(camera)
         kernels.face_sides(self._triangles.faces, screen.spots, self._sides)
         kernels.count_borders(self._triangles.edges, self._sides, screen, self._steps)
         runs = self.scratch.runs
-        runs = runs[: kernels.silhouette_runs(box, self._steps, runs)]
-        return skeletonize(runs, saliency, self.scratch)
+        return runs[: kernels.silhouette_runs(box, self._steps, runs)]
 
 
 def rasterizer(shape: ShapeLike) -> Rasterizer:

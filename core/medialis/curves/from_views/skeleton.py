@@ -20,33 +20,38 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.arrays import along_space
+from medialis.base.device import NEVER, on_gpu
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import room
 from medialis.base.options import Options, algorithm, angle, changed, whole
 from medialis.base.progress import Progress
 from medialis.base.threads import run_chunks, run_patiently
-from medialis.base.validation import FloatArray
+from medialis.base.validation import FloatArray, IntArray
 from medialis.curves.curve_skeleton import CurveSkeleton, ViewPoints
 from medialis.curves.from_views.drawing import Canvases, Rasterizer, rasterizer
 from medialis.curves.from_views.linking import link_points, merge_to
+from medialis.curves.from_views.on_gpu import sharpened, silhouette_skeletons
 from medialis.curves.from_views.views import (
+    NO_FIELD,
     CameraPair,
+    Drawn,
     OrthographicCamera,
-    Picked,
+    Picture,
     Scratch,
     SilhouetteOptions,
     View,
     ViewSource,
+    as_drawn,
     camera_pairs,
+    pack,
     pair_points,
-    pixels_in,
-    runs_of,
     skeletonize,
     sphere_of,
 )
 from medialis.shape.shape import Shape
 
 if TYPE_CHECKING:
+    from medialis.base.gpu import Session
     from medialis.curves.from_views._view_kernels import PackedView
 
 PROBES = 32  # halved 61 %, doubled 91 %
@@ -78,6 +83,9 @@ FALL = 1.2  # halved 67 %, doubled 94 %
 
 BATCH = 16  # halved 0 %, doubled 0 %
 """Views held at a time: a constant, so that memory and results do not depend on the threads."""
+
+GPU_PIXELS = 1 << 26
+"""Pixels of the first views that are drawn before a GPU computes their skeletons, at most."""
 
 POINTS_A_CHUNK = 4096
 
@@ -111,33 +119,55 @@ class PackedViews:
         self._packed: dict[int, PackedView] = {}
         """Packed views by the identity of their cameras."""
 
-    def match(self, pairs: Sequence[CameraPair], progress: Progress) -> list[FloatArray]:
-        """Return the points of a few pairs of views; the first views are packed."""
+    def match(
+        self, pairs: Sequence[CameraPair], progress: Progress, session: Session | None = None
+    ) -> list[FloatArray]:
+        """Return the points of some pairs of views; the first views are packed.
+
+        With a session the GPU computes the skeletons, after all silhouettes are drawn.
+        """
+        from medialis.curves.from_views._view_kernels import FIELD
+
         places: list[FloatArray] = [NOWHERE] * len(pairs)
-        firsts: list[PackedView | None] = [None] * len(pairs)
-        if self._canvases is None:
-            views = render_views(self.source, [c for pair in pairs for c in pair], progress)
+        firsts, lefts, rights, distances = (list[Any](pairs) for _ in range(4))
 
-        def work(begin: int, end: int) -> None:
-            for at in range(begin, end):
-                if self._canvases is None:
-                    given = views[2 * at], views[2 * at + 1]
-                    (first, field), (second, _) = (_picked(v, self._saliency) for v in given)
-                    firsts[at], found = pack(first, field), second.crossings
-                    places[at] = pair_points(first, second.camera, first.crossings, found)
-                    continue
-                with self._canvases.lent(pairs[at][0].size) as canvas:
-                    first = canvas.first(pairs[at][0], self._saliency)
-                    firsts[at] = pack(first, canvas.field)
-                    found = canvas.second(pairs[at][1], self._saliency)
-                    places[at] = pair_points(first, pairs[at][1], first.crossings, found)
+        def draw(first: int, last: int, begin: int, views: Sequence[View | None]) -> None:
+            for at in range(first, last):
+                camera, other = pairs[begin + at]
+                with self._drawn(camera, views[2 * at]) as drawn:
+                    lefts[begin + at] = self._skeleton(session, *drawn[3:])
+                    firsts[begin + at] = pack(drawn)
+                with self._outlined(other, views[2 * at + 1]) as outlined:
+                    rights[begin + at] = self._skeleton(session, *outlined)
 
-        run_chunks(work, len(pairs), 1, progress=progress.still)
+        def pair(first: int, last: int) -> None:
+            for at in range(first, last):
+                if session is not None:
+                    firsts[at].values[:, FIELD] = distances[at]
+                places[at] = pair_points(firsts[at], pairs[at][1], lefts[at], rights[at])
+
+        for begin in range(0, len(pairs), BATCH // 2):
+            some = pairs[begin : begin + BATCH // 2]
+            views = self._given([camera for pair in some for camera in pair], progress)
+            run_chunks(draw, len(some), 1, begin, views, progress=progress.still)
+        if session is not None:
+            size = pairs[0][0].size
+            lefts, distances = silhouette_skeletons(session, lefts, size, self._saliency, True)
+            rights, _ = silhouette_skeletons(session, rights, size, self._saliency, False)
+        run_chunks(pair, len(pairs), 1, progress=progress.still)
         for (camera, _), view in zip(pairs, firsts, strict=True):
-            if view is not None and view.nbytes <= self._room:
+            if id(camera) not in self._packed and view.nbytes <= self._room:
                 self._room -= view.nbytes
                 self._packed[id(camera)] = view
         return places
+
+    def _skeleton(
+        self, session: Session | None, runs: IntArray, scratch: Scratch, field: Picture = NO_FIELD
+    ) -> Any:
+        """Return the crossings of a silhouette; a copy of its runs, when the GPU computes them."""
+        if session is not None:
+            return runs.copy()
+        return skeletonize(runs, self._saliency, scratch, field)
 
     def look(self, cameras: Sequence[OrthographicCamera], progress: Progress) -> list[PackedView]:
         """Return depths and distance fields of a few cameras: packed ones as far as they go."""
@@ -145,49 +175,50 @@ class PackedViews:
         fresh = [at for at, view in enumerate(packed) if view is None]
         for begin in range(0, len(fresh), BATCH):
             rows = fresh[begin : begin + BATCH]
-            views: Sequence[View | None] = [None] * len(rows)
-            if self._canvases is None:
-                views = render_views(self.source, [cameras[at] for at in rows], progress)
-            work = functools.partial(self._pack, rows, cameras, views, packed)
+            views = self._given([cameras[at] for at in rows], progress)
+
+            def work(begin: int, end: int) -> None:
+                for at, view in zip(rows[begin:end], views[begin:end], strict=True):  # noqa: B023
+                    with self._drawn(cameras[at], view) as drawn:
+                        skeletonize(drawn.runs, self._saliency, drawn.scratch, drawn.field)
+                        packed[at] = pack(drawn)
+
             run_chunks(work, len(rows), 1, progress=progress.still)
         return packed
 
-    def _pack(
-        self, rows: Sequence[int], cameras: Sequence[OrthographicCamera],
-        views: Sequence[View | None], out: list[Any], begin: int, end: int,
-    ) -> None:  # fmt: skip
-        """Pack some of the views that `look` is asked for, drawn here where nobody gave them."""
-        for number in range(begin, end):
-            at, view = rows[number], views[number]
-            if view is not None:
-                out[at] = pack(*_picked(view, self._saliency))
-                continue
-            assert self._canvases is not None
-            with self._canvases.lent(cameras[at].size) as canvas:
-                out[at] = pack(canvas.first(cameras[at], self._saliency), canvas.field)
+    def _given(
+        self, cameras: Sequence[OrthographicCamera], progress: Progress
+    ) -> Sequence[View | None]:
+        """Return the views of a few cameras; None where a canvas draws them."""
+        if self._canvases is not None:
+            return [None] * len(cameras)
+        return render_views(self.source, cameras, progress)
+
+    @contextmanager
+    def _drawn(self, camera: OrthographicCamera, view: View | None) -> Iterator[Drawn]:
+        """Give a view, drawn here where nobody gave it."""
+        if view is not None:
+            yield as_drawn(view)
+            return
+        assert self._canvases is not None
+        with self._canvases.lent(camera.size) as canvas:
+            yield canvas.first(camera)
+
+    @contextmanager
+    def _outlined(
+        self, camera: OrthographicCamera, view: View | None
+    ) -> Iterator[tuple[IntArray, Scratch]]:
+        """Give the runs of the silhouette of a view, and scratch memory for its skeleton."""
+        if view is not None:
+            drawn = as_drawn(view)
+            yield drawn.runs, drawn.scratch
+            return
+        assert self._canvases is not None
+        with self._canvases.lent(camera.size) as canvas:
+            yield canvas.second(camera), canvas.scratch
 
 
 NOWHERE = np.empty((0, 3))
-
-
-def pack(picked: Picked, field: NDArray[np.float32]) -> PackedView:
-    """Pack the depths of a view and the distances to its contour."""
-    from medialis.curves.from_views._view_kernels import BITS, PackedView, pack_view
-
-    side, camera = len(picked.near), picked.camera
-    words = side * -(-side // BITS)
-    mask, ranks = np.zeros(words, np.uint64), np.empty(words, np.int32)
-    values = np.empty((pixels_in(picked.runs), 3), np.float32)
-    pack_view(picked.runs, picked.near, picked.far, field, mask, ranks, values)
-    return PackedView(side, camera.center, camera.axes, camera.pixel, mask, ranks, values)
-
-
-def _picked(view: View, saliency: float) -> tuple[Picked, NDArray[np.float32]]:
-    """Return a view of somebody with its crossings, and its distances to the contour."""
-    scratch = Scratch(view.camera.size)
-    field, runs = np.empty_like(view.near), runs_of(view.near, scratch)
-    crossings = skeletonize(runs, saliency, scratch, field)
-    return Picked(view.camera, view.near, view.far, crossings, runs), field
 
 
 def radii_in(views: Sequence[PackedView], points: FloatArray) -> FloatArray:
@@ -331,14 +362,25 @@ def _match(
 
     The first views of the pairs are packed for the next stages.
     """
-    places: list[FloatArray] = []
-    for begin in range(0, len(pairs), BATCH // 2):
-        progress.update(begin / len(pairs))
-        places += packed.match(pairs[begin : begin + BATCH // 2], progress)
-    points = np.concatenate(places)
-    pixel, most = max(first.pixel for first, _ in pairs), MOST_POINTS * pairs[0][0].size
+    size, places = pairs[0][0].size, functools.partial(_places, packed, pairs, progress)
+    large = functools.partial(places, max(GPU_PIXELS // size**2, BATCH // 2))
+    found = on_gpu(large, len(pairs), NEVER, progress)
+    points = np.concatenate(found or places(BATCH // 2))
+    pixel, most = max(first.pixel for first, _ in pairs), MOST_POINTS * size
     merged = run_patiently(lambda: merge_to(points, np.ones(len(points)), pixel, most), progress)
     return merged[:2]
+
+
+def _places(
+    packed: PackedViews, pairs: Sequence[CameraPair], progress: Progress, at_once: int,
+    session: Session | None = None,
+) -> list[FloatArray]:  # fmt: skip
+    """Return the points of all pairs of views, so many at a time."""
+    places: list[FloatArray] = []
+    for begin in range(0, len(pairs), at_once):
+        progress.update(begin / len(pairs))
+        places += packed.match(pairs[begin : begin + at_once], progress, session)
+    return places
 
 
 def _sharpen(
@@ -364,7 +406,11 @@ def _sharpen(
             for view, step in seen:  # noqa: B023 - called before the next views are seen
                 cull_and_sharpen(view, step, begin, end, *arrays)
 
-        run_chunks(work, len(points), POINTS_A_CHUNK, points, alive, progress=progress.still)
+        sharpen = functools.partial(sharpened, seen, points)
+        if moved := on_gpu(sharpen, len(points), NEVER, progress):
+            points, alive = moved
+        else:
+            run_chunks(work, len(points), POINTS_A_CHUNK, points, alive, progress=progress.still)
         points, weights, rows = points[alive], weights[alive], rows[alive]
     order = np.argsort(rows)
     return points[order], weights[order]

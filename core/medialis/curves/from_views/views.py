@@ -26,6 +26,8 @@ from medialis.base.validation import FloatArray, IntArray, as_number, as_whole_n
 
 if TYPE_CHECKING:
     from medialis.curves.from_views._draw_kernels import Box
+    from medialis.curves.from_views._kernels import Rows
+    from medialis.curves.from_views._view_kernels import PackedView
 
 MAX_SIZE = 8192  # halved 0 %, doubled 0 %
 """Pixels along a side of a picture."""
@@ -287,12 +289,9 @@ def skeletonize(
     """
     from medialis.curves.from_views import _kernels as kernels
 
-    if len(runs) and not 0 < runs.min() <= runs.max() < len(scratch.offset):
-        raise InvalidShapeError(
-            "A silhouette touches the border of its picture: the camera must see the whole shape "
-            "with a margin of one pixel."
-        )
-    cracks = kernels.column_offsets(runs, scratch.offset)
+    check_margin(runs, len(scratch.offset))
+    tops = kernels.column_offsets(runs, 0, len(scratch.offset), scratch.offset)
+    cracks = 2 * (len(runs) + tops)
     arc, contour = np.empty(cracks), np.empty(cracks, np.int32)
     length = np.empty(cracks // 4)  # a contour has 4 cracks at least
     pictures = scratch.offset, runs, scratch.upright, scratch.flat
@@ -300,10 +299,19 @@ def skeletonize(
     count = kernels.trace_contours(contours)
     contours = contours._replace(longest=float(contours.length[:count].sum()) / 2)
     begin = np.empty(len(scratch.offset) + 1, np.int32)
-    out = np.empty((3, pixels_in(runs)))  # at most one crossing a pixel
-    count = kernels.saliency_skeleton(contours, saliency, begin, *out, field)
+    out = kernels.Found(*np.empty((3, pixels_in(runs))))  # at most one crossing a pixel
+    count = kernels.saliency_skeleton(contours, saliency, begin, out, field)
     column, importance, distance = (values[:count].copy() for values in out)
     return Crossings(begin, column, importance, distance)
+
+
+def check_margin(runs: IntArray, size: int) -> None:
+    """Raise InvalidShapeError when a silhouette touches the border of its picture."""
+    if len(runs) and not 0 < runs.min() <= runs.max() < size:
+        raise InvalidShapeError(
+            "A silhouette touches the border of its picture: the camera must see the whole shape "
+            "with a margin of one pixel."
+        )
 
 
 def runs_of(near: Picture, scratch: Scratch, box: Box | None = None) -> IntArray:
@@ -378,37 +386,62 @@ def silhouette_skeleton(
     )
 
 
-class Picked(NamedTuple):
-    """A view with the places where rows cross its skeleton.
+class Drawn(NamedTuple):
+    """A view while it is drawn: all arrays may belong to a canvas, and its next view changes them.
 
     Attributes
     ----------
     camera : OrthographicCamera
     near, far : (h, w) float32
-        NaN outside the silhouette. They may belong to a canvas: its next picture overwrites them.
-    crossings : Crossings
+        NaN outside the silhouette.
     runs : (r, 3) int32
-        Runs of the pixels of the silhouette. They belong to the room of a thread, too.
+        Runs of the pixels of the silhouette.
+    scratch : Scratch
+    field : (h, w) float32
+        Memory for distances to the contour.
     """
 
     camera: OrthographicCamera
     near: Picture
     far: Picture
-    crossings: Crossings
     runs: IntArray
+    scratch: Scratch
+    field: Picture
+
+
+def as_drawn(view: View) -> Drawn:
+    """Return a view of somebody as if it were drawn here."""
+    scratch = Scratch(view.camera.size)
+    runs, field = runs_of(view.near, scratch), np.empty_like(view.near)
+    return Drawn(view.camera, view.near, view.far, runs, scratch, field)
+
+
+def pack(drawn: Drawn) -> PackedView:
+    """Return the depths of a view and the distances to its contour, packed."""
+    from medialis.curves.from_views._view_kernels import BITS, PackedView, pack_view
+
+    side, camera = len(drawn.near), drawn.camera
+    words = side * -(-side // BITS)
+    mask, ranks = np.zeros(words, np.uint64), np.empty(words, np.int32)
+    values = np.empty((pixels_in(drawn.runs), 3), np.float32)
+    pack_view(drawn.runs, drawn.near, drawn.far, drawn.field, mask, ranks, values)
+    return PackedView(side, camera.center, camera.axes, camera.pixel, mask, ranks, values)
 
 
 def pair_points(
-    first: View | Picked, second: OrthographicCamera, left: Crossings, right: Crossings
+    first: View | PackedView,
+    second: OrthographicCamera,
+    left: Crossings | Rows,
+    right: Crossings | Rows,
 ) -> FloatArray:
     """Return the 3D points of two silhouette skeletons whose rows correspond.
 
     Parameters
     ----------
-    first : View or Picked
+    first : View or PackedView
     second : OrthographicCamera
         With the same center, extent and up-axis (`check_views`).
-    left, right : Crossings
+    left, right : Crossings or Rows
         Of the one and of the other.
 
     Returns
@@ -425,10 +458,10 @@ def pair_points(
     """
     from medialis.curves.from_views._kernels import Rows, pair_crossings
 
-    a, b = first.camera, second
-    angle = math.atan2(-float(b.axes[0] @ a.axes[2]), float(b.axes[0] @ a.axes[0]))
+    a = pack(as_drawn(first)) if isinstance(first, View) else first
+    cosine, sine = float(second.axes[0] @ a.axes[0]), -float(second.axes[0] @ a.axes[2])
+    angle = math.atan2(sine, cosine)
     out = np.empty((len(left.column), 3))
     rows, others = (Rows(found.begin, found.column) for found in (left, right))
-    turn = math.cos(angle), math.sin(angle)
-    count = pair_crossings(rows, first.near, first.far, others, a.pixel, *turn, out)
+    count = pair_crossings(rows, a, others, math.cos(angle), math.sin(angle), out)
     return np.einsum("ij,jk->ik", out[:count], a.axes) + a.center
