@@ -7,6 +7,7 @@ was linked from. The shape need not be clean, closed or a mesh.
 - `views.py`: cameras and views; skeletons of silhouettes and their matching (`_kernels.py`).
 - `drawing.py`: the core's renderer (`_draw_kernels.py`).
 - `linking.py`: from points to a graph; `_view_kernels.py`: what many views say of points.
+- `on_gpu.py`: silhouette skeletons and sharpening on a GPU (`_batch_kernels.py`).
 - `operation.py`: the operation view_curve_skeleton.
 
 Another renderer is a `ViewSource` (`view_source` sets it); hosts bring their own.

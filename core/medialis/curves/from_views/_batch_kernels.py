@@ -1,7 +1,7 @@
-"""Kernels of GPUs: each thread calls one for its item, a column, run or view of many, or a point.
+"""Kernels for GPUs: each thread processes one item, which is a column, a view, a run or a point.
 
-The bodies are those of `_kernels.py` and `_view_kernels.py`, which the processor calls as well;
-here an item finds its view, its run and its part of the scratch memory.
+The bodies are kernels of `_kernels.py` and `_view_kernels.py` that the processor calls as well. The
+kernels here select the view, the run and the scratch memory of an item.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from medialis.curves.from_views._view_kernels import cull_and_sharpen
 
 
 class Silhouettes(NamedTuple):
-    """Silhouettes of v views, and their contours: `Contours` one after the other.
+    """Silhouettes and contours of v views: the arrays of `Contours`, concatenated.
 
     Attributes
     ----------
@@ -32,11 +32,11 @@ class Silhouettes(NamedTuple):
     view_of : (r,) int32
         View of each run.
     first_run : (v + 1,) int64
-        Runs of the views before.
+        Index of the first run of each view.
     pixel : (r + 1,) int64
-        Pixels of the runs before.
+        Index of the first pixel of each run.
     first_crack : (v + 1,) int64
-        Cracks of the views before.
+        Index of the first crack of each view.
     offset, upright, flat : (v, h, w) int32
     arc, contour, length : (c,) float64, (c,) int32, (c / 4,) float64
     longest : (v,) float64
@@ -84,7 +84,7 @@ def trace_view(item, many, out_count):
 
 @kernel
 def cross_run(item, many, saliency, scratch, out, out_count, out_cracks, out_fields):
-    """Call `run_crossings` for a run: there is room for as many crossings as it has pixels."""
+    """Call `run_crossings` for a run; `out` has room for one crossing per pixel."""
     view, begin = many.view_of[item], many.pixel[item]
     run, room = item - many.first_run[view], begin + 2 * item
     own = Envelope(scratch.column[room:], scratch.key[room:], scratch.start[room:])
@@ -102,7 +102,7 @@ def compare_run(item, many, saliency, cracks, out_fields):
 
 @kernel
 def gather_run(item, many, column, first, fields, out_column, out_distance):
-    """Copy the crossings of a run to `out_column`, from first[item] on, and its distances."""
+    """Copy the crossings of a run to `out_column` from first[item] on, and its distances."""
     begin = many.pixel[item]
     for k in range(first[item + 1] - first[item]):
         out_column[first[item] + k] = column[begin + k]

@@ -185,7 +185,7 @@ def column_offsets(runs, first, last, out_offset):
     for i in range(len(runs) - 1, -1, -1):
         row, begin, end = runs[i, 0], max(runs[i, 1], first), min(runs[i, 2], last)
         for col in range(begin, end):
-            # A pixel above one that is nearer to the background above is nearer to it, too.
+            # Where the pixel below is nearer to the background above, so is this one.
             up, below = out_offset[row, col], out_offset[row + 1, col]
             out_offset[row, col] = below + 1 if 0 <= below < up - 1 else -up
     return tops
@@ -295,9 +295,9 @@ def bisector(row, ra, ca, rb, cb):
 def run_crossings(run, contours, saliency, scratch, begin, out, out_cracks, out_field):
     """Find where a run of pixels crosses the saliency skeleton; return the number of crossings.
 
-    `out` gets them from `begin` on, ascending. `out_field` (h, w), where it is not empty, gets the
-    distance of every pixel center, negative beside the skeleton of this row, and `out_cracks`
-    the crack that it is measured to: row r is stored in row r of so many as there are, modulo.
+    Crossings are written to `out` from index `begin` on, in ascending order. An `out_field` (h, w)
+    that is not empty gets the distance of every pixel center, negative beside a crossing of this
+    row. `out_cracks` (n, w) then gets the nearest crack of each pixel, in row `row % n`.
     """
     offset, upright, flat = contours.offset, contours.upright, contours.flat
     column, start = scratch.column, scratch.start
@@ -344,9 +344,9 @@ def run_crossings(run, contours, saliency, scratch, begin, out, out_cracks, out_
 
 @kernel
 def compare_rows(run, contours, saliency, cracks, out_field):
-    """Make the distances of pixels of a run, and of those above, negative beside the skeleton.
+    """Make distances negative beside crossings of columns between a run and the row above.
 
-    `run_crossings` was called for the runs of both rows.
+    `run_crossings` must have been called for the runs of both rows.
     """
     row, begin, end = contours.runs[run, 0], contours.runs[run, 1], contours.runs[run, 2]
     here, above = row % len(cracks), (row - 1) % len(cracks)

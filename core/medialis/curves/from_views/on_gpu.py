@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 KERNELS = "curves.from_views._batch_kernels"
 BYTES_A_PIXEL = 20
-"""Memory for a pixel of a picture: three arrays of `Silhouettes`, cracks and distances."""
+"""Bytes for a pixel of a picture: three arrays of `Silhouettes`, cracks and distances."""
 BYTES_INSIDE = 160
-"""Memory for a pixel of the shape: envelope, crossings, cracks and, where runs are short, runs."""
+"""Bytes for a pixel of the shape: envelope, crossings, cracks and, where runs are short, runs."""
 
 Skeletons = tuple[list["Rows"], list[NDArray[np.float32]]]
 
@@ -34,7 +34,7 @@ def silhouette_skeletons(
     Parameters
     ----------
     session : Session
-        It computes as many as its memory holds at a time, and frees all of it.
+        Silhouettes are computed together as far as its memory allows; all of it is freed.
     silhouettes : sequence of (r, 3) int32
         Runs of each silhouette (`Contours`).
     size : int
@@ -114,7 +114,7 @@ def _sums(counts: NDArray[np.integer]) -> NDArray[np.int64]:
 def sharpened(
     views: Sequence[tuple[PackedView, float]], points: FloatArray, session: Session
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the points after each view and its step has moved them, and which ones are kept."""
+    """Return the points after sharpening by each view with its step, and whether each is kept."""
     moved, alive = session.put(points), session.put(np.ones(len(points), bool))
     for view, step in views:
         arguments = session.put(view), step, moved, alive

@@ -85,7 +85,7 @@ BATCH = 16  # halved 0 %, doubled 0 %
 """Views held at a time: a constant, so that memory and results do not depend on the threads."""
 
 GPU_PIXELS = 1 << 26
-"""Pixels of the first views that are drawn before a GPU computes their skeletons, at most."""
+"""Maximum number of pixels of the first views in one batch on a GPU."""
 
 POINTS_A_CHUNK = 4096
 
@@ -124,37 +124,37 @@ class PackedViews:
     ) -> list[FloatArray]:
         """Return the points of some pairs of views; the first views are packed.
 
-        With a session the GPU computes the skeletons, after all silhouettes are drawn.
+        With a session the GPU computes the skeletons after all silhouettes are drawn.
         """
         from medialis.curves.from_views._view_kernels import FIELD
 
         places: list[FloatArray] = [NOWHERE] * len(pairs)
         firsts, lefts, rights, distances = (list[Any](pairs) for _ in range(4))
 
-        def draw(first: int, last: int, begin: int, views: Sequence[View | None]) -> None:
-            for at in range(first, last):
-                camera, other = pairs[begin + at]
-                with self._drawn(camera, views[2 * at]) as drawn:
-                    lefts[begin + at] = self._skeleton(session, *drawn[3:])
-                    firsts[begin + at] = pack(drawn)
-                with self._outlined(other, views[2 * at + 1]) as outlined:
-                    rights[begin + at] = self._skeleton(session, *outlined)
+        def draw(at: int, last: int, begin: int, views: Sequence[View | None]) -> None:
+            camera, other = pairs[begin + at]
+            with self._drawn(camera, views[2 * at]) as drawn:
+                lefts[begin + at] = self._skeleton(session, *drawn[3:])
+                firsts[begin + at] = pack(drawn)
+            with self._outlined(other, views[2 * at + 1]) as outlined:
+                rights[begin + at] = self._skeleton(session, *outlined)
+            if session is None:  # now, while the depths are in the cache of the processor
+                pair(begin + at)
 
-        def pair(first: int, last: int) -> None:
-            for at in range(first, last):
-                if session is not None:
-                    firsts[at].values[:, FIELD] = distances[at]
-                places[at] = pair_points(firsts[at], pairs[at][1], lefts[at], rights[at])
+        def pair(at: int, last: int = 0) -> None:
+            if session is not None:
+                firsts[at].values[:, FIELD] = distances[at]
+            places[at] = pair_points(firsts[at], pairs[at][1], lefts[at], rights[at])
 
         for begin in range(0, len(pairs), BATCH // 2):
             some = pairs[begin : begin + BATCH // 2]
-            views = self._given([camera for pair in some for camera in pair], progress)
+            views = self._given([camera for both in some for camera in both], progress)
             run_chunks(draw, len(some), 1, begin, views, progress=progress.still)
         if session is not None:
             size = pairs[0][0].size
             lefts, distances = silhouette_skeletons(session, lefts, size, self._saliency, True)
             rights, _ = silhouette_skeletons(session, rights, size, self._saliency, False)
-        run_chunks(pair, len(pairs), 1, progress=progress.still)
+            run_chunks(pair, len(pairs), 1, progress=progress.still)
         for (camera, _), view in zip(pairs, firsts, strict=True):
             if id(camera) not in self._packed and view.nbytes <= self._room:
                 self._room -= view.nbytes
@@ -375,7 +375,7 @@ def _places(
     packed: PackedViews, pairs: Sequence[CameraPair], progress: Progress, at_once: int,
     session: Session | None = None,
 ) -> list[FloatArray]:  # fmt: skip
-    """Return the points of all pairs of views, so many at a time."""
+    """Return the points of all pairs of views, computed in batches of `at_once` pairs."""
     places: list[FloatArray] = []
     for begin in range(0, len(pairs), at_once):
         progress.update(begin / len(pairs))
