@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 import medialis
-from gpu.driver import LISTED, FakeDriver, builder, install
 from medialis.base.gpu import opened_gpu
 from medialis.curves.from_views._view_kernels import cull_and_sharpen
 from medialis.curves.from_views.on_gpu import sharpened, silhouette_skeletons
@@ -24,6 +23,7 @@ from medialis.curves.from_views.views import (
     skeletonize,
 )
 from medialis.hosts.compile_ahead import named
+from on_gpu.driver import LISTED, FakeDriver, builder, install
 
 ITEMS: Counter[str] = Counter()
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import medialis
-from gpu.driver import OUT_OF_MEMORY, FakeDriver, install
 from medialis.base import device, gpu
 from medialis.base.progress import Progress
 from medialis.skeleton.medial_cloud import COLUMNS, ShrinkOptions, shrink
+from on_gpu.driver import OUT_OF_MEMORY, FakeDriver, install
 
 NORMALS = np.random.default_rng(0).normal(size=(100, 3))
 NORMALS /= np.linalg.norm(NORMALS, axis=1, keepdims=True)

@@ -5,11 +5,11 @@ import pytest
 
 import closed_forms
 import medialis
-from gpu.driver import FakeDriver, install
 from medialis.base.device import use_device
 from medialis.base.gpu import opened_gpu
 from medialis.curves.from_views.on_gpu import silhouette_skeletons
 from medialis.curves.from_views.views import Scratch, camera_pairs, runs_of, skeletonize
+from on_gpu.driver import FakeDriver, install
 
 SIZE = 40
 

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from gpu.driver import BUILD, LISTED, builder, parameters
 from medialis.base.jit import code_of
+from on_gpu.driver import BUILD, LISTED, builder, parameters
 
 COMPILER = builder().COMPILER
 LIBRARY = {"skeleton._ball_kernels:shrink_apart": ("asin",)}
