@@ -144,7 +144,7 @@ site: $(VENV)/installed-docs
 dist: viewer
 	$(RUN) -m pip install --quiet build 'setuptools>=77'
 	rm -f dist/medialis*.whl dist/medialis*.tar.gz
-	$(RUN) -m build --outdir dist
+	MEDIALIS_GPU_KERNELS=1 $(RUN) -m build --outdir dist
 	$(RUN) -m build --outdir dist meshlab_plugin
 	$(RUN) blender_addon/packaging/build_package.py
 

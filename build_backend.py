@@ -3,8 +3,8 @@
 - The machine code of the kernels (`core/kernel_library/build.py`), where a C compiler is there: the
   wheel is one of this system and Python then. With `MEDIALIS_PURE=1`, or without a compiler, it is
   the one for all, with which numba compiles. Editable installs have none: `make kernels`.
-- The kernels for GPUs (`build_gpu.py` there), where their compiler has wheels: the same for all
-  systems.
+- The kernels for GPUs (`build_gpu.py` there) where `MEDIALIS_GPU_KERNELS=1` asks for their compiler of
+  115 MB, as a release does, or it is there.
 - The script that the viewer draws with, where npm is there (`core/viewer_library/build.py`).
 - The long description: the README, whose links lead to the files of this version on the web.
 """
@@ -47,7 +47,8 @@ def get_requires_for_build_wheel(config_settings: dict[str, Any] | None = None) 
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     with_range = [one for one in project["dependencies"] if one.startswith(("numba", "threadpool"))]
     needed = [*with_range, "numpy>=2"] if why_pure() is None else []
-    if needed and sys.platform != "darwin" and platform.machine().lower() in ("x86_64", "amd64"):
+    usual = sys.platform != "darwin" and platform.machine().lower() in ("x86_64", "amd64")
+    if needed and usual and os.environ.get("MEDIALIS_GPU_KERNELS"):
         lines = GPU_COMPILER.read_text("ascii").splitlines()
         needed += [line for line in lines if not line.startswith("#")]
     return [*build_meta.get_requires_for_build_wheel(config_settings), *needed]

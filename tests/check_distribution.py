@@ -29,7 +29,7 @@ OF_THE_BUILD = re.compile(
 )
 CORE_FILES = re.compile(
     r"medialis/.*\.pyi?|medialis/py\.typed|medialis_after_import\.py"
-    r"|medialis/(\w+/)+\w+\.(css|html|js|npz|toml|txt)"
+    r"|medialis/(\w+/)+\w+\.(css|html|js|npz|toml|txt)|medialis/base/gpu_kernels\.xz"
 )
 MESHLAB_FILES = re.compile(
     r"medialis_(meshlab|meshlab_plugin|meshset)/.*\.py|medialis_meshlab\.pth"

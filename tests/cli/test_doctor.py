@@ -9,12 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from medialis.base import gpu
+from medialis.base.device import GpuError
 from medialis.base.version import package_version
 from medialis.cli import doctor
 from medialis.cli.commands import main
 from medialis.hosts import menu_entries
 from medialis.hosts.machine import EXTENSION, Machine
 from medialis.hosts.menu import FILTER_NOTE, PROGRAM_NOTE, write_notes
+from on_gpu.driver import FakeDriver, install
 
 posix = pytest.mark.skipif(os.name == "nt", reason="plays programs by shell scripts")
 
@@ -302,3 +305,23 @@ def test_the_python_of_the_plugin_is_run(machine, quick, monkeypatch, tmp_path):
     (folder / PROGRAM_NOTE).unlink()
     assert its_python().state == "missing" and "runs `medialis` from the path" in its_python().text
     assert sys.executable not in its_python().text
+
+
+def test_a_gpu_is_tried(machine, quick, monkeypatch):
+    driver = FakeDriver()
+    install(monkeypatch, driver)
+    finding = by_name(doctor.examine(machine))["GPU"]
+    assert finding.state == "ok" and "Fake GPU, driver for CUDA 12.4" in finding.text
+    driver.fails = "cuLaunchKernel", driver.calls["cuLaunchKernel"] + 1, 719
+    finding = by_name(doctor.examine(machine))["GPU"]
+    assert finding.state == "broken" and "cuLaunchKernel failed: made to fail (719)" in finding.text
+    monkeypatch.setattr(gpu.Session, "get", lambda self, array, out: out)
+    finding = by_name(doctor.examine(machine))["GPU"]
+    assert finding.state == "broken" and "others than those of the processor" in finding.text
+
+
+def test_no_gpu_is_nothing_broken(machine, quick, monkeypatch):
+    install(monkeypatch, None)
+    monkeypatch.setattr(gpu, "load_library", lambda: (_ for _ in ()).throw(GpuError("none here.")))
+    finding = by_name(doctor.examine(machine))["GPU"]
+    assert (finding.state, finding.text) == ("missing", "not used: none here.")

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.cache_folder import kernel_cache, kernels_are_compiled, written_by_others
-from medialis.base.device import GpuError
+from medialis.base.device import DEVICES, GpuError
 from medialis.base.errors import FileError
 from medialis.base.jit import record
 from medialis.base.threads import thread_count
@@ -182,9 +182,31 @@ def _gpu() -> Finding:
         for name in names:
             gpu.function(name)
     except GpuError as error:
-        return Finding("GPU", "missing", f"not used: {error}")
+        advice = (
+            "nothing, or the driver of an NVIDIA GPU: --device gpu is for large clouds and views"
+        )
+        return Finding("GPU", "missing", f"not used: {error}", advice)
     text = f"{gpu.name}, driver for CUDA {gpu.driver}, takes all {len(names)} kernels"
+    if wrong := _wrong_on_gpu():
+        return Finding("GPU", "broken", f"{text}, but {wrong}", "use --device cpu, and report it")
     return Finding("GPU", "ok", f"{text}; --device gpu computes there")
+
+
+def _wrong_on_gpu() -> str:
+    """Return what is wrong with the balls of a small shape; empty when they are the processor's."""
+    from medialis.base.device import use_device
+    from medialis.base.progress import Progress
+    from medialis.shape.generate import organic_shape
+    from medialis.skeleton.medial_cloud import ShrinkOptions, shrink
+
+    found, progress = [], Progress()
+    for device in DEVICES[1:]:
+        with use_device(device):
+            found.append(shrink(organic_shape(56), ShrinkOptions(tolerance=0.0), progress)[0])
+    if failed := [str(one) for one in progress.messages if one.code == "gpu_not_used"]:
+        return failed[0]
+    same = found[0].centers.tobytes() == found[1].centers.tobytes()
+    return "" if same else "its balls of a small shape are others than those of the processor"
 
 
 def _cache() -> Finding:
