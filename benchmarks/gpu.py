@@ -24,7 +24,7 @@ import numpy as np
 
 import medialis
 from medialis.base import gpu
-from medialis.base.device import GpuError
+from medialis.base.errors import GpuError
 
 RESULTS = Path(__file__).resolve().parent / "results"
 SHAPES = Path(__file__).resolve().parents[2] / "shared" / "shapes"

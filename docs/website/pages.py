@@ -22,7 +22,7 @@ SECTIONS = {
     "Basics": ("adoption", "medial_axis", "choosing", "faq", "limits", "citing"),
     "Tutorials": ("tutorials/*",),
     "In other programs": ("blender*", "meshlab*", "pymeshlab*", "other_programs"),
-    "Many and large shapes": ("batch*", "report*", "huge*", "robot_balls"),
+    "Many and large shapes": ("batch*", "report*", "huge*", "gpu", "robot_balls"),
     "Looking at results": ("viewer",),
     "Thesis": ("thesis_*",),
     "Python": ("api", "glossary", "writing", "versions"),

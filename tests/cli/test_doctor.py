@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from medialis.base import gpu
-from medialis.base.device import GpuError
+from medialis.base.errors import GpuError
 from medialis.base.version import package_version
 from medialis.cli import doctor
 from medialis.cli.commands import main

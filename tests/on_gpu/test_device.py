@@ -10,7 +10,7 @@ import pytest
 
 import medialis
 from medialis.base import gpu
-from medialis.base.device import GpuError
+from medialis.base.errors import GpuError
 
 
 @pytest.fixture(scope="module", autouse=True)

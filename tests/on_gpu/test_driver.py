@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import medialis
-from medialis.base import device, gpu
+from medialis.base import gpu
+from medialis.base.errors import GpuError
 from medialis.base.progress import Progress
 from medialis.skeleton.medial_cloud import COLUMNS, ShrinkOptions, shrink
 from on_gpu.driver import OUT_OF_MEMORY, FakeDriver, install
@@ -131,11 +132,11 @@ def test_too_little_memory(driver):
 
 def test_no_gpu_and_old_ones(driver, monkeypatch):
     driver.count = 0
-    with pytest.raises(device.GpuError, match="finds no GPU"):
+    with pytest.raises(GpuError, match="finds no GPU"):
         gpu.opened_gpu()
     driver.count, driver.capability = 1, {75: 6, 76: 1}
     monkeypatch.setattr(gpu, "_opened", [])
-    with pytest.raises(device.GpuError, match=r"too old: compute capability 6\.1, not 7\.5"):
+    with pytest.raises(GpuError, match=r"too old: compute capability 6\.1, not 7\.5"):
         gpu.opened_gpu()
 
 
@@ -147,7 +148,7 @@ def test_a_driver_without_a_function(monkeypatch):
             return super().__getattribute__(name)
 
     install(monkeypatch, Old())
-    with pytest.raises(device.GpuError, match="driver is too old: it has no cuDevicePrimaryCtx"):
+    with pytest.raises(GpuError, match="driver is too old: it has no cuDevicePrimaryCtx"):
         gpu.opened_gpu()
 
 
@@ -158,7 +159,7 @@ def test_no_driver(monkeypatch):
     for system, text in (("darwin", "no driver for this system"), ("linux", "no NVIDIA driver")):
         monkeypatch.setattr(gpu.sys, "platform", system)
         monkeypatch.setattr(gpu.ctypes, "CDLL", lambda name: (_ for _ in ()).throw(OSError(name)))
-        with pytest.raises(device.GpuError, match=text):
+        with pytest.raises(GpuError, match=text):
             gpu.load_library()
 
 
@@ -166,10 +167,10 @@ def test_stale_and_missing_kernels(driver, monkeypatch):
     name = "skeleton._ball_kernels:shrink_apart"
     about = {**gpu.made_kernels()[name], "stamp": "0"}
     monkeypatch.setattr(gpu, "made_kernels", lambda: {name: about})
-    with pytest.raises(device.GpuError, match="sources have changed"):
+    with pytest.raises(GpuError, match="sources have changed"):
         gpu.kernel(name)
     monkeypatch.setattr(gpu, "made_kernels", dict)
-    with pytest.raises(device.GpuError, match="has no kernels for GPUs"):
+    with pytest.raises(GpuError, match="has no kernels for GPUs"):
         gpu.kernel(name)
     progress = Progress()
     assert is_same(balls(progress=progress))
@@ -181,7 +182,7 @@ def test_a_damaged_file_of_kernels(monkeypatch, tmp_path):
     gpu.KERNELS.write_bytes(b"\xfd7zXZ\0 cut off")
     gpu.made_kernels.cache_clear()
     try:
-        with pytest.raises(device.GpuError, match="cannot be read"):
+        with pytest.raises(GpuError, match="cannot be read"):
             gpu.made_kernels()
     finally:
         gpu.made_kernels.cache_clear()
@@ -314,6 +315,6 @@ def test_calls_are_those_of_the_c_interface(monkeypatch, tmp_path):
         expected = np.where(np.arange(2500) < 2400, 2.0, 1.0) * np.arange(2500)
         assert np.array_equal(session.get(values), expected)
         assert not session.get(session.zeros(9, np.int8)).any()
-        with pytest.raises(device.GpuError, match=r"cuMemAlloc_v2 failed: an error in C \(2\)"):
+        with pytest.raises(GpuError, match=r"cuMemAlloc_v2 failed: an error in C \(2\)"):
             session.empty(1 << 33, np.uint8)
     found.close()

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Literal, TypeVar, get_args
 
-from medialis.base.errors import InvalidOptionError
+from medialis.base.errors import GpuError, InvalidOptionError
 from medialis.base.progress import Progress
 
 if TYPE_CHECKING:
@@ -26,10 +26,6 @@ NEVER = math.inf
 """Size from which `auto` takes the GPU, where that has not been measured."""
 
 _chosen: ContextVar[Device | None] = ContextVar("medialis_device", default=None)
-
-
-class GpuError(RuntimeError):
-    """The GPU cannot do a piece of work: the sentence says why."""
 
 
 def device_choice() -> Device:

@@ -25,6 +25,10 @@ class FileError(MedialisError, OSError):
     """A file cannot be read or written (missing, a directory, no permission, disk full)."""
 
 
+class GpuError(MedialisError):
+    """The GPU cannot do a piece of work; the processor does it then."""
+
+
 class NotPassedError(MedialisError):
     """What was checked is not as it has to be: `Result.require` raises it."""
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from medialis.base.cache_folder import PACKAGE
-from medialis.base.device import GpuError
+from medialis.base.errors import GpuError
 from medialis.base.jit import stamp_of
 from medialis.base.progress import Progress
 

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.cache_folder import kernel_cache, kernels_are_compiled, written_by_others
-from medialis.base.device import DEVICES, GpuError
-from medialis.base.errors import FileError
+from medialis.base.device import DEVICES
+from medialis.base.errors import FileError, GpuError
 from medialis.base.jit import record
 from medialis.base.threads import thread_count
 from medialis.base.version import package_version

@@ -35,19 +35,18 @@ def _shrink(
     tangents: Any, progress: Progress, session: Session,
 ) -> bool:  # fmt: skip
     from medialis.skeleton._ball_kernels import LEADERS, Columns
-    from medialis.skeleton.medial_cloud import blank_balls
 
     there, places = session.put((tree, tree.place))
     every = np.arange(len(tree.order), dtype=np.int32), tree.normals
     samples, normals = every if tangents is None else tangents
     for first in range(begin, end, BALLS_A_BLOCK):
         last = min(first + BALLS_A_BLOCK, end)
-        found = blank_balls(last - first)
+        rows = tree.order[first:last] if tangents is None else slice(first, last)
+        found = [np.ascontiguousarray(values[rows]) for values in out]  # those without a ball stay
         given = session.put((normals[first:last], samples[first:last], Columns(*found)))
         for step in (LEADERS, 1):
             count = -(-(last - first) // step)
             session.launch(NAME, count, step, places, float(sign), lengths, there, *given)
-        rows = tree.order[first:last] if tangents is None else slice(first, last)
         for values, columns, mine in zip(out, given[2], found, strict=True):
             values[rows] = session.get(columns, mine)
         session.free(*given[:2], *given[2])
