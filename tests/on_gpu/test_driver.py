@@ -115,12 +115,20 @@ def test_each_call_may_fail(monkeypatch):
 
 
 def test_one_message_tells_of_several_failures(driver):
-    driver.fails = "cuInit", 1, 100
+    driver.count = 0
     progress = Progress()
     for _ in range(2):
         balls(progress=progress)
     assert len(notes(progress)) == 1
-    assert driver.calls["cuInit"] == 1
+    assert driver.calls["cuInit"] == 2
+
+
+def test_a_busy_gpu_is_tried_again(driver):
+    driver.fails = "cuDevicePrimaryCtxRetain", 1, 46
+    balls()
+    assert driver.calls["cuLaunchKernel"] == 0
+    balls()
+    assert driver.calls["cuLaunchKernel"] == 2
 
 
 def test_too_little_memory(driver):

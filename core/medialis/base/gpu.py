@@ -363,12 +363,14 @@ def kernel(name: str) -> dict[str, Any]:
     return about
 
 
-_opened: list[Gpu | GpuError] = []
+_opened: list[Gpu] = []
 _opening = threading.Lock()
 
 
 def opened_gpu() -> Gpu:
     """Return the GPU of this process, opened when it is asked for first.
+
+    One that was busy is tried again the next time.
 
     Raises
     ------
@@ -377,13 +379,7 @@ def opened_gpu() -> Gpu:
     """
     with _opening:
         if not _opened:
-            try:
-                _opened.append(Gpu())
-            except GpuError as error:
-                _opened.append(error)
-        found = _opened[0]
-    if isinstance(found, GpuError):
-        raise found
-    if found.process != os.getpid():
+            _opened.append(Gpu())
+    if _opened[0].process != os.getpid():
         raise GpuError("this process was forked from one that uses the GPU: start it anew instead.")
-    return found
+    return _opened[0]
