@@ -521,3 +521,17 @@ def test_the_command_refuses_in_one_line(given, text, shapes, tmp_path, capsys, 
     error = capsys.readouterr().err
     assert text in error and error.count("\n") == 1
     assert not (tmp_path / "o").exists()
+
+
+def test_jobs_know_the_device_that_was_chosen(shapes, tmp_path, monkeypatch):
+    """Processes do not have the context of the one that asks."""
+    seen = []
+
+    def run_jobs(jobs, work, **kinds):
+        seen.extend(jobs)
+        return iter(())
+
+    monkeypatch.setattr("medialis.batches.batch.run_jobs", run_jobs)
+    with medialis.use_device("cpu"), pytest.raises(KeyError):
+        medialis.batch("thickness", shapes, tmp_path / "out")
+    assert seen and {job.device for job in seen} == {"cpu"}

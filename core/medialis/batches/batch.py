@@ -22,6 +22,7 @@ from typing import Any
 from urllib.parse import quote
 
 from medialis.base import disk
+from medialis.base.device import device_choice
 from medialis.base.errors import FileError
 from medialis.base.progress import Progress, ProgressCallback, counted
 from medialis.base.threads import thread_count
@@ -423,7 +424,8 @@ def batch(
         progress.update(len(rows) / len(jobs), f"{len(rows)} of {len(jobs)}")
         processes = max(1, min(processes, len(waiting)))
         threads = 1 if scheduler is not None else max(1, thread_count() // processes)
-        shared = [replace(job, threads=threads) for job in waiting]
+        of_machine: dict[str, Any] = {"threads": threads, "device": device_choice()}
+        shared = [replace(job, **of_machine) for job in waiting]
         for job, made in run_jobs(shared, run_job, workers=processes, scheduler=scheduler):
             rows[job.name] = made
             failed += any(row.status == FAILED for row in made)

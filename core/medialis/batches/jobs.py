@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from medialis.base.arrays import Described
+from medialis.base.device import Device
 from medialis.base.disk import Folder
 from medialis.base.errors import Cancelled, FileError, InvalidOptionError, MedialisError
 from medialis.base.kept import forget
@@ -197,6 +198,7 @@ class Job:
     unit, up : str or None
         Of all files; None: what each says.
     threads : int
+    device : {"auto", "cpu", "gpu"}
         At most this many.
     picture, report : bool
         Whether to make them.
@@ -209,6 +211,7 @@ class Job:
     unit: str | None = None
     up: str | None = None
     threads: int = 1
+    device: Device = "auto"
     picture: bool = True
     report: bool = False
 
@@ -397,7 +400,8 @@ def _run_operation(
     """Run an operation and write its result; `reading` is the progress of the shape."""
     progress = Progress()
     progress.messages.extend(reading.messages)
-    result = run(name, shape, threads=job.threads, progress=progress, **job.operations[name])
+    of_machine: dict[str, Any] = {"threads": job.threads, "device": job.device}
+    result = run(name, shape, progress=progress, **of_machine, **job.operations[name])
     texts = {}
     if job.report:
         from medialis.show.reports.report import report_texts

@@ -349,6 +349,7 @@ def _add_batch(sub: argparse.ArgumentParser) -> None:
     _add_unit(sub)
     _add_up(sub)
     sub.add_argument("--workers", type=int, help="processes (default: one a processor)")
+    _add_device(sub)
     sub.add_argument(
         "--scheduler",
         metavar="ADDRESS",
@@ -403,6 +404,10 @@ def _add_robot_balls(sub: argparse.ArgumentParser) -> None:
 
 def _add_processors(sub: argparse.ArgumentParser) -> None:
     sub.add_argument("--threads", type=int, help="use at most this many threads")
+    _add_device(sub)
+
+
+def _add_device(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--device",
         choices=DEVICES,
