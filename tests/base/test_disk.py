@@ -123,6 +123,7 @@ ALLOWED = {
     "base/cache_folder.py": ("Path.rglob Path.glob Path.read_bytes Path.mkdir Path.touch "
                              "tempfile.gettempdir os.open",
                              f"{OWN}; the folder of kernels, which has rules of its own"),
+    "base/gpu.py": ("Path.read_bytes", OWN),
     "base/jit.py": ("Path.rglob Path.read_bytes Path.read_text Path.glob Path.open",
                     f"{OWN}; a list for those who make kernels"),
     "base/version.py": ("Path.read_text Path.glob", f"{OWN}, and what installing noted of it"),
