@@ -6,7 +6,7 @@
 # PYTHON names the interpreter that makes the environment, VENV where it goes.
 # For kernels that are there at once, made ahead of time (needs a C compiler; two minutes on two
 # processors, only what has changed the next time); without them numba compiles on first use:
-#   make kernels
+#   make kernels           and those for GPUs, with a compiler of 115 MB in build/gpu-compiler
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
 #   make blender           the extension's zip for this system, in dist/blender; CORE=folder
