@@ -2,12 +2,12 @@
 
     python benchmarks/gpu.py [--shapes FOLDER] [--minutes 8] [--quick]
 
-Seconds of wall time: on 1, 2 and all threads of the processor, and on the GPU the first run, then
-of the best of ten runs the whole operation, and in it uploads, kernels and downloads. `differ`
-counts values that are not the same bits. Real shapes are left out where the folder is not there.
-A line that would take more than is left of the time is left out, and says so. Kernels of the
-processor are compiled by numba where none are made ahead; those of the GPU must be made
-(`make kernels`). Without a GPU it says why, and ends. Results are kept in benchmarks/results.
+Wall time in seconds on all threads, 2 threads and 1 thread of the processor, and in milliseconds on
+the GPU: the first run, then the fastest of ten runs with its uploads, kernels and downloads.
+`differ` is the number of values whose bits differ. Missing shapes are skipped, and so are runs that
+do not fit into the remaining time. numba compiles processor kernels that are not made ahead; GPU
+kernels must be made (`make kernels`). Without a GPU the script prints the reason and ends. Results
+are saved in benchmarks/results.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from surface_skeleton import REAL, ellipsoid, table
 
 import medialis
 from medialis.base import gpu
 from medialis.base.errors import GpuError
 
 RESULTS = Path(__file__).resolve().parent / "results"
-SHAPES = Path(__file__).resolve().parents[2] / "shared" / "shapes"
 RUNS = 10
-SHORT = 10.0
+MAX_REPEATED_SECONDS = 10.0
 PARTS = ("put", "launch", "get")
 BALLS = ("centers", "radii", "features", "status")
 VIEWS = (("horse", 500, 512), ("horse", 500, 1024))
@@ -38,7 +38,7 @@ POINTS = (50_000, 500_000)
 
 
 class Clock:
-    """Seconds that sessions spend in each kind of call."""
+    """Accumulated seconds of each kind of session call."""
 
     def __init__(self) -> None:
         self.seconds = dict.fromkeys(PARTS, 0.0)
@@ -59,17 +59,8 @@ class Clock:
         return call
 
 
-def ellipsoid(samples: int) -> medialis.Shape:
-    """Return samples of an ellipsoid."""
-    across = np.random.default_rng(0).normal(size=(samples, 3))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    axes = np.array([3.0, 2.0, 1.0])
-    normals = across / axes
-    return medialis.Shape(across * axes, normals / np.linalg.norm(normals, axis=1, keepdims=True))
-
-
 def jobs(folder: Path, quick: bool) -> list[tuple[str, Callable[[], Any], tuple[str, ...]]]:
-    """Return what is measured: a name, the operation, and what to compare of its result."""
+    """Return the measured operations: name, function, and the compared attributes of its result."""
     found: list[tuple[str, Callable[[], Any], tuple[str, ...]]] = []
     real = {}
     for name in ("horse", "igea", "horse2", "igea2"):
@@ -114,7 +105,7 @@ def run(work: Callable[[], Any], device: Any, threads: int | None) -> tuple[floa
 
 
 def differing(first: Any, second: Any, names: tuple[str, ...]) -> int | str:
-    """Count values that are not the same bits."""
+    """Count values whose bits differ."""
     count = 0
     for name in names:
         a, b = (np.ascontiguousarray(getattr(one, name)) for one in (first, second))
@@ -128,7 +119,7 @@ def differing(first: Any, second: Any, names: tuple[str, ...]) -> int | str:
 def measure(
     name: str, work: Callable[[], Any], compared: tuple[str, ...], clock: Clock, end: float
 ) -> dict[str, Any]:
-    """Return a row of the table; what there is no time for is missing."""
+    """Return a row of the table, without the runs that do not fit into the time."""
     row: dict[str, Any] = {"what": name}
     every = medialis.thread_count()
 
@@ -136,11 +127,12 @@ def measure(
         return time.perf_counter() + seconds < end
 
     seconds, expected = run(work, "cpu", None)
-    if seconds < SHORT:  # it may have compiled, or woken something
+    if seconds < MAX_REPEATED_SECONDS:  # the first run may have compiled kernels
         seconds = min(seconds, *(run(work, "cpu", None)[0] for _ in range(3)))
     row[f"{every} threads"] = seconds
     before = dict(clock.seconds)
-    row["first run"], found = run(work, "gpu", None)
+    seconds, found = run(work, "gpu", None)
+    row["first_ms"] = 1e3 * seconds
     if clock.seconds["launch"] == before["launch"]:
         return {**row, "note": "the GPU was not used"}
     row["differ"] = differing(expected, found, compared)
@@ -153,7 +145,8 @@ def measure(
         parts = [clock.seconds[part] - before[part] for part in PARTS]
         best = min(best or (seconds, parts), (seconds, parts))
     assert best is not None
-    row |= dict(zip(("whole", "upload", "kernels", "download"), (best[0], *best[1]), strict=True))
+    names = "whole_ms", "upload_ms", "kernels_ms", "download_ms"
+    row |= {name: 1e3 * one for name, one in zip(names, (best[0], *best[1]), strict=True)}
     for threads in {1, 2} - {every}:
         likely = row[f"{every} threads"] * every / threads
         if fits(likely + 60):
@@ -161,24 +154,11 @@ def measure(
     return row
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Return rows as a table of Markdown."""
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
-    for row in rows:
-        cells = [row.get(name, "") for name in names]
-        texts = [f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in cells]
-        lines.append("| " + " | ".join(texts) + " |")
-    return "\n".join(lines)
-
-
 def main() -> None:
-    """Measure what the arguments ask for."""
+    """Run the benchmark."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument(
-        "--shapes", type=Path, default=SHAPES, help="folder of horse.ply and others"
-    )
-    parser.add_argument("--minutes", type=float, default=8.0, help="leave out what takes longer")
+    parser.add_argument("--shapes", type=Path, default=REAL, help="folder of horse.ply and others")
+    parser.add_argument("--minutes", type=float, default=8.0, help="time limit of the benchmark")
     parser.add_argument("--quick", action="store_true", help="only the smallest of each kind")
     parser.add_argument("--output", type=Path, default=RESULTS / "gpu.json")
     options = parser.parse_args()
