@@ -6,7 +6,7 @@
 # PYTHON names the interpreter that makes the environment, VENV where it goes.
 # For kernels that are there at once, made ahead of time (needs a C compiler; two minutes on two
 # processors, only what has changed the next time); without them numba compiles on first use:
-#   make kernels           and those for GPUs, with a compiler of 115 MB in build/gpu-compiler
+#   make kernels           also GPU kernels; their compiler goes to build/gpu-compiler (115 MB)
 # For work on the Blender extension:
 #   make hosts             environments with Blender as a module, 1 GB each; `make test` uses them
 #   make blender           the extension's zip for this system, in dist/blender; CORE=folder
@@ -103,10 +103,10 @@ meshlab-plugins: $(VENV)/installed
 kernels: $(VENV)/installed
 	$(RUN) -m pip install --quiet 'setuptools>=77'
 	$(RUN) core/kernel_library/build.py
-	@$(MAKE) --no-print-directory build/gpu-compiler/installed || echo "No compiler for GPUs could be installed."
+	@$(MAKE) --no-print-directory build/gpu-compiler/installed || echo "The compiler of GPU kernels could not be installed."
 	$(RUN) core/kernel_library/build_gpu.py
 
-# Apart from the environment: a user has none of it.
+# Not in the environment: users do not have these packages.
 build/gpu-compiler/installed: core/kernel_library/gpu_compiler.txt
 	@$(RUN) -m pip install --quiet --no-deps --upgrade --target build/gpu-compiler -r $<
 	touch $@

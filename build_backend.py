@@ -3,8 +3,8 @@
 - The machine code of the kernels (`core/kernel_library/build.py`), where a C compiler is there: the
   wheel is one of this system and Python then. With `MEDIALIS_PURE=1`, or without a compiler, it is
   the one for all, with which numba compiles. Editable installs have none: `make kernels`.
-- The kernels for GPUs (`build_gpu.py` there) where their compiler is: `MEDIALIS_GPU_KERNELS=1` asks
-  for it, as a release does (115 MB).
+- The GPU kernels (`build_gpu.py` in the same folder), if their compiler is installed. Releases set
+  `MEDIALIS_GPU_KERNELS=1` to require it (115 MB).
 - The script that the viewer draws with, where npm is there (`core/viewer_library/build.py`).
 - The long description: the README, whose links lead to the files of this version on the web.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The preferences of the add-on: what computes, and keys."""
+"""The preferences of the add-on: threads, device and keys."""
 
 from __future__ import annotations
 
@@ -23,11 +23,15 @@ class MEDIALIS_AP_preferences(bpy.types.AddonPreferences):
     )
     device: EnumProperty(
         name="Device",
-        description="What computes",
+        description="Device for computing",
         items=[
-            ("auto", "Automatic", "The GPU where that was measured to be faster: so far nowhere"),
-            ("cpu", "Processor", "The processor alone"),
-            ("gpu", "GPU", "An NVIDIA GPU for what can run there, the processor for the rest"),
+            ("auto", "Automatic", "The fastest device; currently always the processor"),
+            ("cpu", "Processor", "Only the processor"),
+            (
+                "gpu",
+                "GPU",
+                "An NVIDIA GPU for the steps that support it, else the processor",
+            ),
         ],
     )
 
@@ -66,7 +70,7 @@ def threads() -> int | None:
 
 
 def device() -> str | None:
-    """Return which device computes; None: as the environment says."""
+    """Return the chosen device; None for automatic."""
     found = _found()
     return None if found is None or found.device == "auto" else found.device
 

@@ -1,14 +1,14 @@
-"""Compile the kernels for GPUs to PTX: one file, `medialis/base/gpu_kernels.xz`, for all systems.
+"""Compile the GPU kernels to PTX: `medialis/base/gpu_kernels.xz`, the same file for all systems.
 
-    python core/kernel_library/build_gpu.py [FILE]   # when a source has changed; `make kernels`
+    python core/kernel_library/build_gpu.py [FILE]   # compiles if a source has changed
 
-It needs numba and what `gpu_compiler.txt` names, in `build/gpu-compiler` or installed; no GPU and
-no driver. The file holds JSON: for each kernel the hash of its sources, the types it takes, the
-name of its entry and its PTX for sm_75, which every driver since 525 compiles for the GPU that it
-drives. Products and sums are not contracted, so that results are those of the processor.
+Needs numba and the packages in `gpu_compiler.txt`, installed or in `build/gpu-compiler`. Needs no
+GPU and no driver. The file is compressed JSON: for each kernel the hash of its sources, the
+argument types, the entry name and the PTX for sm_75. Drivers since 525 compile this PTX for newer
+GPUs. Multiplications and additions are not fused, so that results have the bits of the processor.
 
-`gpu_kernels.txt` lists the kernels: name, arrays that each thread has for itself, and types. The
-kernel is the body of one item; what calls it, once a thread, is written here.
+`gpu_kernels.txt` lists the kernels: name, local arrays of a thread, and argument types. A kernel
+computes one item; this script generates the function that calls it once per thread.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ CAPABILITY = 7, 5
 
 
 class Listed(NamedTuple):
-    """A line of the list: the kernel, arrays of a thread (shape and dtype), words of the types."""
+    """A line of the list: kernel, local arrays (shape and dtype), words of the argument types."""
 
     name: str
     rooms: tuple[tuple[tuple[int, ...], str], ...]
@@ -58,13 +58,13 @@ def listed() -> list[Listed]:
 
 
 def _lengths(kernel: str, text: str) -> tuple[int, ...]:
-    """Return the shape of a room: numbers, or constants of the module of the kernel."""
+    """Return the shape of a local array: numbers, or constants in the module of the kernel."""
     module = importlib.import_module(f"medialis.{kernel.partition(':')[0]}")
     return tuple(int(part) if part.isdigit() else getattr(module, part) for part in text.split("x"))
 
 
 def how() -> str:
-    """Return a hash of what kernels are made by."""
+    """Return the hash of this script."""
     return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()[:16]
 
 
@@ -74,7 +74,7 @@ def stamps() -> dict[str, str]:
 
 
 def is_made(target: Path) -> bool:
-    """Tell whether the file is there and made from these sources."""
+    """Return whether the file exists and was compiled from the current sources."""
     try:
         known = json.loads(lzma.decompress(target.read_bytes()))
     except (OSError, ValueError, lzma.LZMAError):
@@ -85,9 +85,9 @@ def is_made(target: Path) -> bool:
 
 
 def toolkit() -> Path | None:
-    """Return the folder of NVVM; None where it or numba's target for GPUs is not there."""
+    """Return the folder of NVVM; None if NVVM or the CUDA target of numba is missing."""
     if COMPILER.is_dir():
-        site.addsitedir(str(COMPILER))  # it sends `numba.cuda` to the target
+        site.addsitedir(str(COMPILER))  # redirects `numba.cuda` to numba-cuda
     try:
         found = importlib.util.find_spec("nvidia.cuda_nvcc")
     except ModuleNotFoundError:
@@ -98,14 +98,14 @@ def toolkit() -> Path | None:
 
 
 def prepare(folder: Path) -> None:
-    """Let numba compile by the NVVM of a folder, for a GPU that is not there."""
+    """Make numba compile with the NVVM in a folder, without a GPU."""
     import numba.cuda.cudadrv.nvrtc as nvrtc
     import numba.cuda.cudadrv.nvvm as nvvm
     import numba.cuda.dispatcher as dispatcher
 
     library = next((folder / "nvvm").rglob("libnvvm.so*"), None)
     library = library or next((folder / "nvvm").rglob("nvvm64*.dll"))
-    ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)  # what is loaded is used
+    ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)  # numba-cuda uses a loaded library
     (code,) = (folder / "nvvm" / "libdevice").glob("libdevice*.bc")
     nvvm.get_libdevice, nvvm.open_libdevice = (lambda: str(code)), code.read_bytes
     compile_ir = nvvm.compile_ir
@@ -117,7 +117,7 @@ def prepare(folder: Path) -> None:
 
 @cache
 def on_device(kernel: Any) -> Any:
-    """Return a function of the GPU from a kernel: the same code, and so are all that it calls."""
+    """Return a device function with the code of a kernel; called kernels are converted too."""
     from numba import cuda
 
     function = kernel.py_func
@@ -133,7 +133,7 @@ def on_device(kernel: Any) -> Any:
 
 
 def launched(one: Listed, body: Any) -> Any:
-    """Return the function that a launch calls in every thread: one item each."""
+    """Return the function that each thread of a launch runs: it calls `body` for one item."""
     from numba import cuda
 
     given = [f"a{k}" for k in range(len(one.words))]
@@ -156,7 +156,7 @@ def launched(one: Listed, body: Any) -> Any:
 
 
 def numpy_name(dtype: str) -> str:
-    """Return the name that numpy has for a dtype.
+    """Return the name of a dtype in numpy.
 
     Examples
     --------
@@ -191,18 +191,18 @@ def compiled(one: Listed) -> tuple[str, str]:
 
 
 def shorter(ptx: str) -> str:
-    """Return PTX without comments, empty lines and what only Python asks for."""
+    """Return PTX without comments, empty lines and variables for Python."""
     lines = [line.split("//")[0].strip() for line in ptx.splitlines()]
     return "\n".join(line for line in lines if line and "NumbaEnv" not in line) + "\n"
 
 
 def build(target: Path = TARGET, say: Any = print) -> bool:
-    """Make the file where it is not up to date; return whether it is there then."""
+    """Compile the kernels unless the file is current; return False without a compiler."""
     if is_made(target):
         return True
     folder = toolkit()
     if folder is None:
-        say("Kernels for GPUs are not made: what gpu_compiler.txt names is not here.")
+        say("GPU kernels are not made: the packages in gpu_compiler.txt are not installed.")
         return False
     import warnings
 
@@ -224,7 +224,7 @@ def build(target: Path = TARGET, say: Any = print) -> bool:
     fresh = target.with_suffix(".new")
     fresh.write_bytes(packed)
     fresh.replace(target)
-    say(f"{len(made)} kernels for GPUs, {len(packed) / 1e3:.0f} kB; {target}")
+    say(f"{len(made)} GPU kernels, {len(packed) / 1e3:.0f} kB; {target}")
     return True
 
 

@@ -317,7 +317,7 @@ def test_calls_are_those_of_the_c_interface(monkeypatch, tmp_path):
     found = gpu.opened_gpu()
     assert (found.name, found.driver) == ("C", "12.4")
     with found.session(Progress()) as session:
-        assert session.room() == int(gpu.SPARE * (5 << 32))
+        assert session.room() == int(gpu.USABLE_MEMORY * (5 << 32))
         values = session.put(np.arange(2500.0))
         session.launch("base.a:b", 2400, 2.0, values)
         expected = np.where(np.arange(2500) < 2400, 2.0, 1.0) * np.arange(2500)

@@ -1,6 +1,6 @@
-"""Which device computes: the processor, or an NVIDIA GPU for the work that can run there.
+"""Choice of the device: the processor, or an NVIDIA GPU for the algorithms that support it.
 
-Nothing here loads what a GPU needs (`gpu.py`) before somebody asks for one.
+`gpu.py` is imported only when a GPU is requested.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ T = TypeVar("T")
 
 Device = Literal["auto", "cpu", "gpu"]
 DEVICES: tuple[Device, ...] = get_args(Device)
-NEVER = math.inf
-"""Size from which `auto` takes the GPU, where that has not been measured."""
+UNMEASURED = math.inf
+"""Minimum size for the GPU with `auto`, for work that has not been measured on one."""
 
 _chosen: ContextVar[Device | None] = ContextVar("medialis_device", default=None)
 
 
 def device_choice() -> Device:
-    """Return which device computes now: "auto", "cpu" or "gpu".
+    """Return the chosen device: "auto", "cpu" or "gpu".
 
-    It is what `use_device` says, else `MEDIALIS_DEVICE`, else "auto".
+    The choice of `use_device` overrides `MEDIALIS_DEVICE`; the default is "auto".
     """
     return _chosen.get() or _checked(os.environ.get("MEDIALIS_DEVICE") or "auto", "MEDIALIS_DEVICE")
 
@@ -45,15 +45,15 @@ def _checked(name: str, what: str = "device") -> Device:
 
 @contextmanager
 def use_device(name: Device | None) -> Iterator[None]:
-    """Compute on a device inside the block: "cpu", "gpu" or "auto"; None changes nothing.
+    """Compute on a device inside the block: "cpu", "gpu" or "auto"; None keeps the choice.
 
-    With "gpu", what cannot run there runs on the processor, and a message says why. "auto" takes
-    the GPU where whole operations were measured to be faster; so far that is nowhere.
+    "gpu" uses the processor for everything that cannot run on the GPU; a message gives the reason.
+    "auto" uses the GPU only for operations that were measured to be faster there: none so far.
 
     Raises
     ------
     InvalidOptionError
-        For another name.
+        When `name` is not a device.
 
     See Also
     --------
@@ -72,21 +72,23 @@ def use_device(name: Device | None) -> Iterator[None]:
         _chosen.reset(token)
 
 
-def on_gpu(work: Callable[[Session], T], size: float, least: float, progress: Progress) -> T | None:
-    """Return what a piece of work gives on the GPU; None where the processor is to do it.
+def on_gpu(
+    work: Callable[[Session], T], size: float, min_size: float, progress: Progress
+) -> T | None:
+    """Return the result of a function on the GPU, or None if the processor must compute it.
 
     Parameters
     ----------
     work : callable
-        Called with a `Session`. It must leave nothing half-written: when the GPU fails, the
-        processor does all of it.
+        Called with a `Session`. The processor repeats all of the work when the GPU fails, so the
+        function must not depend on partly written results.
     size : float
-        Items of the work.
-    least : float
-        Size from which "auto" takes the GPU.
+        Number of items.
+    min_size : float
+        Minimum number of items for the GPU with "auto".
     """
     choice = device_choice()
-    if choice == "cpu" or (choice == "auto" and size < least):
+    if choice == "cpu" or (choice == "auto" and size < min_size):
         return None
     from medialis.base.gpu import opened_gpu
 

@@ -26,7 +26,7 @@ class FileError(MedialisError, OSError):
 
 
 class GpuError(MedialisError):
-    """The GPU cannot do a piece of work; the processor does it then."""
+    """The GPU cannot be used; the processor computes instead."""
 
 
 class NotPassedError(MedialisError):

@@ -1,12 +1,11 @@
-"""Kernels on an NVIDIA GPU, through the library of its driver and nothing else.
+"""Kernels on an NVIDIA GPU, through the CUDA driver library alone (ctypes).
 
-`core/kernel_library/build_gpu.py` compiles kernels to PTX, which the driver turns into code for the
-GPU that is there; wheels carry `gpu_kernels.xz`. A kernel is the body of one item: the function
-that the loops of the processor call, once for each item, and that many threads of the GPU call at
-the same time. Kernels whose sources have changed since are not used.
+`core/kernel_library/build_gpu.py` compiles kernels to PTX (`gpu_kernels.xz`, part of wheels), and
+the driver compiles the PTX for its GPU. A kernel computes one item: the loops of the processor call
+the same function. Kernels that were compiled from other sources are not used.
 
-`device.on_gpu` is the door: it does a piece of work in a `Session`, which owns the memory that the
-work takes. Nothing outside of this module knows of the driver.
+Algorithms call `device.on_gpu`, which gives them a `Session`. A session owns its GPU memory. Only
+this module calls the driver.
 """
 
 from __future__ import annotations
@@ -33,37 +32,37 @@ from medialis.base.jit import stamp_of
 from medialis.base.progress import Progress
 
 KERNELS = PACKAGE / "base" / "gpu_kernels.xz"
-"""PTX of all kernels; `build_gpu.py` says what it holds."""
+"""PTX of all kernels; `build_gpu.py` documents the format."""
 NOT_MADE = "this installation has no kernels for GPUs (in a clone `make kernels` makes them)."
-BLOCK = 128
-"""Threads in a block."""
+BLOCK_SIZE = 128
+"""Threads per block."""
 ITEMS_A_LAUNCH = 1 << 20
-"""Between two launches progress is reported; Windows ends launches of two seconds."""
-SPARE = 0.9
-"""Share of the free memory that a piece of work may plan with."""
+"""Maximum number of items per launch; Windows stops launches that take two seconds."""
+USABLE_MEMORY = 0.9
+"""Fraction of the free memory that a session plans with."""
 
 _SCALARS = {"f8": ctypes.c_double, "f4": ctypes.c_float, "i8": ctypes.c_int64, "b1": ctypes.c_bool}
 
 
 class Driver:
-    """The library of the driver: each call raises what the driver says.
+    """The driver library, with errors as exceptions.
 
     Parameters
     ----------
     library
-        With the functions of the driver's interface as attributes.
+        Its attributes are the functions of the CUDA driver API.
     """
 
     def __init__(self, library: Any) -> None:
         self._library = library
 
     def __call__(self, name: str, *arguments: Any) -> None:
-        """Call a function.
+        """Call a function of the driver API.
 
         Raises
         ------
         GpuError
-            With the driver's own text.
+            With the error text of the driver.
         """
         try:
             function = getattr(self._library, name)
@@ -77,12 +76,12 @@ class Driver:
 
 
 def load_library() -> Any:
-    """Return the library of the driver.
+    """Load the driver library.
 
     Raises
     ------
     GpuError
-        Where there is none.
+        When it is not installed.
     """
     name = {"win32": "nvcuda.dll", "linux": "libcuda.so.1"}.get(sys.platform)
     if name is None:
@@ -94,7 +93,7 @@ def load_library() -> Any:
 
 
 class DeviceArray:
-    """An array in the memory of the GPU, which its session frees."""
+    """An array in GPU memory; its session frees it."""
 
     def __init__(self, address: int, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         self.address, self.shape, self.dtype = address, shape, dtype
@@ -104,14 +103,14 @@ class DeviceArray:
         return self.shape[0]
 
     def __getitem__(self, rows: slice) -> DeviceArray:
-        """Return some rows that follow each other; they lie in the memory of the whole."""
+        """Return a view of consecutive rows."""
         begin, end, _ = rows.indices(self.shape[0])
         one = math.prod(self.shape[1:]) * self.dtype.itemsize
         rest = (max(end - begin, 0), *self.shape[1:])
         return DeviceArray(self.address + begin * one, rest, self.dtype)
 
     def words(self) -> list[ctypes.c_uint64]:
-        """Return what a kernel gets: no owners, items, size of one, address, shape and strides."""
+        """Return the kernel parameters: two nulls, size, item size, address, shape, strides."""
         strides: list[int] = []
         step = self.dtype.itemsize
         for length in reversed(self.shape):
@@ -122,7 +121,7 @@ class DeviceArray:
 
 
 class Gpu:
-    """The first GPU, its context and the kernels that were loaded into it."""
+    """The first GPU, its primary context and the loaded kernels."""
 
     def __init__(self) -> None:
         self.call = call = Driver(load_library())
@@ -155,14 +154,14 @@ class Gpu:
         return value.value
 
     def close(self) -> None:
-        """Give the context back, with all kernels."""
+        """Release the primary context and all kernels."""
         if self.process == os.getpid():
             with suppress(GpuError):
                 self.call("cuDevicePrimaryCtxRelease_v2", self._number)
 
     @contextmanager
     def _current(self) -> Iterator[None]:
-        """Make the context that of this thread in the block: one thread at a time."""
+        """Make the context current in this thread; only one thread at a time."""
         with self._lock:
             self.call("cuCtxPushCurrent_v2", self._context)
             try:
@@ -172,7 +171,7 @@ class Gpu:
 
     @contextmanager
     def session(self, progress: Progress) -> Iterator[Session]:
-        """Open a session: one at a time, on any thread, whose own context stays as it is."""
+        """Open a session. Only one is open at a time; the current context of the thread is kept."""
         with self._current():
             session = Session(self, progress)
             try:
@@ -181,7 +180,7 @@ class Gpu:
                 session.close()
 
     def function(self, name: str) -> ctypes.c_void_p:
-        """Return a kernel, which the driver compiles when it is asked for the first time."""
+        """Return a kernel; the driver compiles it on first use."""
         if name not in self._functions:
             about, module, function = kernel(name), ctypes.c_void_p(), ctypes.c_void_p()
             with self._current():
@@ -193,13 +192,13 @@ class Gpu:
 
 
 class Session:
-    """A piece of work on the GPU: the memory that it takes, and its launches.
+    """GPU memory and kernel launches of one computation.
 
     Parameters
     ----------
     device : Gpu
     progress : Progress
-        Asked between launches: a `Progress.still`.
+        Checked for cancellation between launches (`Progress.still`).
     """
 
     def __init__(self, device: Gpu, progress: Progress) -> None:
@@ -209,24 +208,24 @@ class Session:
     def close(self) -> None:
         """Free all memory."""
         while self._taken:
-            with suppress(GpuError):  # after a kernel that failed no call succeeds
+            with suppress(GpuError):  # every call fails after a faulty kernel
                 self._call("cuMemFree_v2", ctypes.c_uint64(self._taken.pop()))
 
     def free(self, *arrays: DeviceArray) -> None:
-        """Free the memory of arrays now: each one that `empty`, `zeros` or `put` returned."""
+        """Free arrays that `empty`, `zeros` or `put` returned."""
         for array in arrays:
             if array.nbytes:
                 self._taken.remove(array.address)
                 self._call("cuMemFree_v2", ctypes.c_uint64(array.address))
 
     def room(self) -> int:
-        """Return how many bytes are free, less some that others may need."""
+        """Return the number of bytes that a session can allocate."""
         free, total = ctypes.c_size_t(), ctypes.c_size_t()
         self._call("cuMemGetInfo_v2", ctypes.byref(free), ctypes.byref(total))
-        return int(SPARE * free.value)
+        return int(USABLE_MEMORY * free.value)
 
     def empty(self, shape: int | tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
-        """Return an array with anything in it."""
+        """Allocate an uninitialised array."""
         shape, kind = (shape,) if isinstance(shape, int) else shape, np.dtype(dtype)
         address, size = ctypes.c_uint64(), math.prod(shape) * kind.itemsize
         if size:
@@ -235,7 +234,7 @@ class Session:
         return DeviceArray(address.value, tuple(map(int, shape)), kind)
 
     def zeros(self, shape: int | tuple[int, ...], dtype: DTypeLike) -> DeviceArray:
-        """Return an array of zeros."""
+        """Allocate an array of zeros."""
         array = self.empty(shape, dtype)
         if array.nbytes:
             size = ctypes.c_size_t(array.nbytes)
@@ -243,7 +242,7 @@ class Session:
         return array
 
     def put(self, value: Any) -> Any:
-        """Return a copy of an array, or of a tuple with all arrays in it, as kernels take it."""
+        """Upload an array, or all arrays of a (named) tuple; numbers are returned unchanged."""
         if isinstance(value, tuple):
             parts = [self.put(part) for part in value]
             return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
@@ -257,7 +256,7 @@ class Session:
         return copy
 
     def get(self, array: DeviceArray, out: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Return what an array of the GPU holds, in a new array or in a contiguous one."""
+        """Download an array into a new array, or into the contiguous array `out`."""
         result = np.empty(array.shape, array.dtype) if out is None else out
         if result.nbytes != array.nbytes or not result.flags.c_contiguous:
             raise ValueError(f"cannot copy {array.shape} {array.dtype} to {result.shape}")
@@ -267,17 +266,18 @@ class Session:
         return result
 
     def launch(self, name: str, count: int, *arguments: Any) -> None:
-        """Call a kernel for the items 0..count - 1, and wait for it.
+        """Run a kernel for the items 0..count - 1 and wait until it ends.
 
         Raises
         ------
         GpuError
-            When it cannot be loaded or run.
+            When the driver cannot load or run the kernel.
         TypeError
-            When the arguments are not of the types that it was compiled for.
+            When the argument types differ from those of the compiled kernel.
         """
-        if (types := code_of_values(arguments)) != kernel(name)["types"]:
-            raise TypeError(f"{name} takes {kernel(name)['types']}, got {types}")
+        expected, types = kernel(name)["types"], code_of_values(arguments)
+        if types != expected:
+            raise TypeError(f"{name} takes {expected}, got {types}")
         function = self._device.function(name)
         words = [word for one in arguments for word in _words(one)]
         for first in range(0, count, ITEMS_A_LAUNCH):
@@ -285,13 +285,13 @@ class Session:
             last = min(first + ITEMS_A_LAUNCH, count)
             every = [ctypes.c_int64(first), ctypes.c_int64(last), *words]
             pointers = (ctypes.c_void_p * len(every))(*(ctypes.addressof(one) for one in every))
-            grid = -(-(last - first) // BLOCK), 1, 1, BLOCK, 1, 1, 0
+            grid = -(-(last - first) // BLOCK_SIZE), 1, 1, BLOCK_SIZE, 1, 1, 0
             self._call("cuLaunchKernel", function, *grid, None, pointers, None)
             self._call("cuCtxSynchronize")
 
 
 def code_of_values(values: Any) -> str:
-    """Return the code of the types of arguments, as `jit.code_of` has it for words."""
+    """Return the type code of arguments; `jit.code_of` returns the same code for type words."""
     code = ""
     for value in values:
         if isinstance(value, tuple):
@@ -309,7 +309,7 @@ def _scalar(value: Any) -> str:
 
 
 def _words(value: Any) -> list[Any]:
-    """Return the words of an argument: tuples are flat."""
+    """Return the kernel parameters of an argument; tuples are flattened."""
     if isinstance(value, tuple):
         return [word for part in value for word in _words(part)]
     if isinstance(value, DeviceArray):
@@ -319,7 +319,7 @@ def _words(value: Any) -> list[Any]:
 
 @cache
 def made_kernels() -> dict[str, Any]:
-    """Return what was made of each kernel: its stamp, types, entry and PTX; {} where none was."""
+    """Return stamp, types, entry and PTX of each kernel; {} if the file does not exist."""
     try:
         found: dict[str, Any] = json.loads(lzma.decompress(KERNELS.read_bytes()))
     except FileNotFoundError:
@@ -330,12 +330,12 @@ def made_kernels() -> dict[str, Any]:
 
 
 def kernel_names() -> list[str]:
-    """Return the kernels that were made.
+    """Return the names of the compiled kernels.
 
     Raises
     ------
     GpuError
-        Where none were.
+        When the installation has no compiled kernels.
     """
     if not made_kernels():
         raise GpuError(NOT_MADE)
@@ -348,12 +348,12 @@ def _stamp(feature: str) -> str:
 
 
 def kernel(name: str) -> dict[str, Any]:
-    """Return what was made of a kernel.
+    """Return the entry of a kernel in `made_kernels`.
 
     Raises
     ------
     GpuError
-        Where it was not made, or its sources have changed since.
+        When the kernel was not compiled, or was compiled from other sources.
     """
     about: dict[str, Any] | None = made_kernels().get(name)
     if about is None:
@@ -368,14 +368,14 @@ _opening = threading.Lock()
 
 
 def opened_gpu() -> Gpu:
-    """Return the GPU of this process, opened when it is asked for first.
+    """Return the GPU of this process; it is opened on first use.
 
-    One that was busy is tried again the next time.
+    After a failure, the next call tries again.
 
     Raises
     ------
     GpuError
-        Where there is none, or another process opened it that this one was forked from.
+        When there is no usable GPU, or this process was forked after the GPU was opened.
     """
     with _opening:
         if not _opened:

@@ -411,8 +411,8 @@ def _add_device(sub: argparse.ArgumentParser) -> None:
     sub.add_argument(
         "--device",
         choices=DEVICES,
-        help="what computes: gpu takes an NVIDIA GPU for what can run there (docs/gpu.md); auto, "
-        "the default, so far the processor",
+        help="device for computing: cpu, gpu (an NVIDIA GPU for the steps that support it, see "
+        "docs/gpu.md) or auto (default; currently the processor)",
     )
 
 

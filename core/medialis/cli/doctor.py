@@ -174,7 +174,7 @@ def _threads() -> Finding:
 
 
 def _gpu() -> Finding:
-    """Say which GPU there is, and whether it takes the kernels."""
+    """Report the GPU, its driver, and whether kernels load and give correct results."""
     from medialis.base.gpu import kernel_names, opened_gpu
 
     try:
@@ -183,17 +183,17 @@ def _gpu() -> Finding:
             gpu.function(name)
     except GpuError as error:
         advice = (
-            "nothing, or the driver of an NVIDIA GPU: --device gpu is for large clouds and views"
+            "optional: install the driver of an NVIDIA GPU for --device gpu (large clouds, views)"
         )
         return Finding("GPU", "missing", f"not used: {error}", advice)
-    text = f"{gpu.name}, driver for CUDA {gpu.driver}, takes all {len(names)} kernels"
+    text = f"{gpu.name}, driver for CUDA {gpu.driver}, loads all {len(names)} kernels"
     if wrong := _wrong_on_gpu():
         return Finding("GPU", "broken", f"{text}, but {wrong}", "use --device cpu, and report it")
-    return Finding("GPU", "ok", f"{text}; --device gpu computes there")
+    return Finding("GPU", "ok", f"{text}; use it with --device gpu")
 
 
 def _wrong_on_gpu() -> str:
-    """Return what is wrong with the balls of a small shape; empty when they are the processor's."""
+    """Return the error of a small test on the GPU; empty if it gives the processor's balls."""
     from medialis.base.device import use_device
     from medialis.base.progress import Progress
     from medialis.shape.generate import organic_shape

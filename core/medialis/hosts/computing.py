@@ -201,7 +201,7 @@ class Computer:
         unit : str, optional
             What one unit of the points is, such as "mm".
         device : str, optional
-            What computes: "cpu", "gpu" or "auto".
+            Device for computing: "cpu", "gpu" or "auto".
 
         Raises
         ------

@@ -102,7 +102,7 @@ def run(
     threads : int, optional
         At most this many; all processors when missing.
     device : {"auto", "cpu", "gpu"}, optional
-        What computes: see `use_device`.
+        Device for computing; see `use_device`.
     progress : callable, optional
         Called with (fraction, text); returning False cancels.
     **parameters

@@ -23,10 +23,10 @@ STILL = 1e-3
 size that it does not state; with a search radius of 5 % of the diagonal, this is 5e-5 of it."""
 
 ROWS_NEAR = 25
-"""Rows of cells within a search radius at most: cells are half a radius wide, or wider."""
+"""Maximum number of cell rows within a search radius; cells are at least half a radius wide."""
 
 EXPONENTIAL = tuple(1.0 / math.factorial(k) for k in range(12))
-"""Coefficients of its series: exact to rounding within a quarter of 0."""
+"""Coefficients of the power series, accurate to rounding for arguments from -0.25 to 0.25."""
 
 VERTICES_A_SITE = 256
 """Room for the vertices of a cap, to begin with."""
@@ -105,9 +105,9 @@ def _cell(x, low, width, size):
 
 @kernel
 def _runs_near(grid, place, runs):
-    """List the runs of points in the cells within a search radius, (ROWS_NEAR, 2); return how many.
+    """List the runs of points in the cells within a search radius; return the number of runs.
 
-    A run is the points in cells that follow each other along the last axis.
+    A run is the range of points in adjacent cells along the last axis; `runs` is (ROWS_NEAR, 2).
     """
     low, width, shape = grid.low, grid.width, grid.shape
     span, count = 2 if width < 1.0 else 1, 0
@@ -127,9 +127,9 @@ def _runs_near(grid, place, runs):
 
 @kernel
 def _exponential(x):
-    """Return e to the power of x, -2 <= x <= 0: the same bits on every processor and GPU.
+    """Return exp(x) for -2 <= x <= 0, with the same bits on every processor and GPU.
 
-    The series of an eighth of it, in pairs of terms that do not wait for each other.
+    Evaluates the series of exp(x / 8) by Estrin's scheme, and squares the result three times.
     """
     x = 0.125 * x
     c, x2 = EXPONENTIAL, x * x
@@ -176,7 +176,8 @@ def _shift(grid, place, runs, out):
 def shift_seed(seed, grid, seeds, out_paths, out_counts, place, runs):
     """Shift a seed until a step is at most `STILL`.
 
-    `out_paths` (seeds, most, 3) holds the places after each step, `out_counts` how many.
+    `out_paths` (seeds, steps, 3) gets the position after each step, `out_counts` the number of
+    steps.
     """
     for axis in range(3):
         place[axis] = seeds[seed, axis]
@@ -195,7 +196,7 @@ def shift_seed(seed, grid, seeds, out_paths, out_counts, place, runs):
 
 @kernel
 def follow_seeds(grid, seeds, out_paths, out_counts):
-    """Shift all seeds: see `shift_seed`."""
+    """Shift all seeds; see `shift_seed`."""
     place, runs = np.empty(3), np.empty((ROWS_NEAR, 2), np.int64)
     for seed in range(len(seeds)):
         shift_seed(seed, grid, seeds, out_paths, out_counts, place, runs)
@@ -212,20 +213,20 @@ def pack_path(seed, paths, counts, offsets, out_steps):
 
 @kernel
 def pack_paths(paths, counts, offsets, out_steps):
-    """Copy the last steps of all paths: see `pack_path`."""
+    """Copy the last steps of all paths; see `pack_path`."""
     for seed in range(len(counts)):
         pack_path(seed, paths, counts, offsets, out_steps)
 
 
 @kernel
 def weigh_place(at, grid, places, out, moved, runs):
-    """Sum the weights of the points about a place: the density there."""
+    """Compute the density at a position: the sum of the weights of the points around it."""
     out[at] = _shift(grid, places[at], runs, moved)
 
 
 @kernel
 def weigh_places(grid, places, begin, end, out):
-    """Find the densities of the places begin..end: see `weigh_place`."""
+    """Compute the densities at the positions begin..end; see `weigh_place`."""
     moved, runs = np.empty(3), np.empty((ROWS_NEAR, 2), np.int64)
     for at in range(begin, end):
         weigh_place(at, grid, places, out, moved, runs)
@@ -233,12 +234,12 @@ def weigh_places(grid, places, begin, end, out):
 
 @kernel
 def vote(at, grid, owner, points, votes, touched, out, share, runs):
-    """Find the cluster whose paths came nearest to a point, by the weights of their steps.
+    """Find the cluster with the largest sum of weights K(|y - m(x)|) of path steps at a point.
 
-    Those are K(|y - m(x)|). The grid holds the steps; `owner` is the cluster of each. -1 where no
-    step is within reach; `share` is the part of all votes that the winner got. Ties: the lowest
-    cluster. `votes` and `touched` (rows, clusters) are room for as many points at the same time;
-    votes come with zeros and are left so.
+    The grid contains the steps; `owner` is the cluster of each step. `out` is -1 if no step is
+    within the search radius; `share` is the winner's fraction of the votes. Ties go to the lowest
+    cluster. `votes` and `touched` (rows, clusters) are scratch memory for `rows` points at a time;
+    `votes` must be zero-initialised, and is zero again afterwards.
     """
     line, count = at % len(votes), 0
     for run in range(_runs_near(grid, points[at], runs)):
@@ -268,7 +269,7 @@ def vote(at, grid, owner, points, votes, touched, out, share, runs):
 
 @kernel
 def count_votes(grid, owner, clusters, points, begin, end, out, share):
-    """Find the clusters of the points begin..end: see `vote`."""
+    """Find the clusters of the points begin..end; see `vote`."""
     votes, touched = np.zeros((1, clusters)), np.empty((1, clusters), np.int64)
     runs = np.empty((ROWS_NEAR, 2), np.int64)
     for at in range(begin, end):

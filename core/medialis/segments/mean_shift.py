@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from medialis.base.arrays import Described, Index, Mask, extent, kd_tree
-from medialis.base.device import NEVER, on_gpu
+from medialis.base.device import UNMEASURED, on_gpu
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import kept
 from medialis.base.options import Options, algorithm, changed, choice, flag, length, whole
@@ -76,7 +76,7 @@ SEED_SPACING = 0.15  # halved 7 %, doubled 17 %
 SEEDS_A_CHUNK, POINTS_A_CHUNK = 16, 256
 
 SEEDS_A_LAUNCH, PLACES_A_LAUNCH = 1 << 16, 1 << 18
-"""On the GPU: paths of so many seeds take 470 MB."""
+"""Maximum numbers per GPU launch; the paths of 65,536 seeds take 470 MB."""
 
 KERNELS = "segments._kernels"
 
@@ -246,11 +246,11 @@ def _grid(points: FloatArray, sigma: float) -> tuple[Grid, Index]:
 def _paths(
     grid: Grid, seeds: FloatArray, last: int, progress: Progress
 ) -> tuple[FloatArray, Index]:
-    """Return the last steps of all seeds, one path after the other, and how many each has."""
+    """Return the concatenated last steps of all paths, and the number of steps of each path."""
     from medialis.segments._kernels import follow_seeds, pack_paths
 
     most = last or MOST_STEPS
-    parts: list[Any] = [(np.empty((0, 3)), np.empty(0, np.int64))]
+    parts: list[Any] = [None] * -(-len(seeds) // SEEDS_A_CHUNK)
 
     def shift_there(session: Session) -> list[Any]:
         there, found = session.put(grid), []
@@ -277,16 +277,15 @@ def _paths(
         pack_paths(paths, counts, np.append(0, np.cumsum(lengths)), steps)
         parts[begin // SEEDS_A_CHUNK] = steps, lengths
 
-    found = on_gpu(shift_there, len(seeds), NEVER, progress)
+    found = on_gpu(shift_there, len(seeds), UNMEASURED, progress)
     if found is None:
-        parts = parts * -(-len(seeds) // SEEDS_A_CHUNK)
         run_chunks(work, len(seeds), SEEDS_A_CHUNK, progress=progress)
     steps, lengths = zip(*(found or parts), strict=True)
     return np.concatenate(steps), np.concatenate(lengths)
 
 
 def _densities(grid: Grid, places: FloatArray, progress: Progress) -> FloatArray:
-    """Return the sum of the weights of the points about each place."""
+    """Return the density at each position: the sum of the weights of the points around it."""
     from medialis.segments._kernels import weigh_places
 
     def weigh_there(session: Session) -> FloatArray:
@@ -295,7 +294,7 @@ def _densities(grid: Grid, places: FloatArray, progress: Progress) -> FloatArray
         session.launch(f"{KERNELS}:weigh_place", len(places), *given)
         return session.get(out)
 
-    found = on_gpu(weigh_there, len(places), NEVER, progress)
+    found = on_gpu(weigh_there, len(places), UNMEASURED, progress)
     if found is None:
         found = np.empty(len(places))
         weigh = partial(weigh_places, grid, places)
@@ -321,7 +320,7 @@ def _merged(ends: FloatArray, density: FloatArray, merge: float) -> tuple[FloatA
 def _votes(
     grid: Grid, owner: Index, clusters: int, places: FloatArray, progress: Progress
 ) -> tuple[Index, FloatArray]:
-    """Return the cluster that each place gets most votes of, and its share of them."""
+    """Return the cluster with most votes at each position, and its fraction of the votes."""
     from medialis.segments._kernels import count_votes
 
     labels, shares = np.empty(len(places), np.int64), np.empty(len(places))
@@ -340,7 +339,7 @@ def _votes(
             session.launch(f"{KERNELS}:vote", len(points), *some)
         return session.get(found[0]), session.get(found[1])
 
-    found = on_gpu(vote_there, len(places), NEVER, progress)
+    found = on_gpu(vote_there, len(places), UNMEASURED, progress)
     if found is None:
         vote = partial(count_votes, grid, owner, clusters, places)
         run_chunks(vote, len(places), POINTS_A_CHUNK, labels, shares, progress=progress)

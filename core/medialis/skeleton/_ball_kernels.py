@@ -74,10 +74,10 @@ KNOWN = 16
 """Certificates kept: a leaf of a tube lies on about four rings, whose balls are the same."""
 
 STACK = 8 * 12 + 8
-"""Nodes that wait in a search: 8 children on each of at most 11 wide levels, and some more."""
+"""Capacity of the traversal stack: at most 8 children on each of 11 levels, plus a margin."""
 
-LEADERS = 32
-"""Of so many balls in tree order the GPU finds one first."""
+GROUP_SIZE = 32
+"""Balls in a group on the GPU: the first ball of each group is computed in a launch of its own."""
 
 
 class Columns(NamedTuple):
@@ -145,13 +145,13 @@ def _remember(feature, blocks, recent, names, spare):
 
 
 class Memory(NamedTuple):
-    """What balls leave for the next, and room for their searches.
+    """State that warm-starts the next ball, and scratch memory of the traversal.
 
     Attributes
     ----------
     stack, hits : (STACK,) int32
     recent, names : (3, LEAF) float64 and (LEAF,) int64
-        See `_remember`.
+        Recent second feature points (`_remember`).
     known : (4, KNOWN) float64
         Certificates: the last centers x, y, z and a - r0.
     """
@@ -165,10 +165,10 @@ class Memory(NamedTuple):
 
 @kernel
 def shrink_some(begin, end, previous, sign, lengths, tree, normals, samples, out, memory):
-    """Find the balls begin..end, one after the other: see `shrink_balls`.
+    """Compute the balls begin..end in order; see `shrink_balls` for the arguments.
 
-    `previous` is the leaf of a second feature point, -1 for none: on tubes those of neighbours are
-    near. A loop here and not where it is called: a call for each ball takes a tenth of its time.
+    `previous` is the leaf that contains the second feature point of a nearby ball, or -1. The loop
+    is inside this function because one call per ball costs 9 % (array reference counting).
     """
     _, points, _, order, blocks, bounds, child, depth = tree
     _, tolerance, a, largest, near2, margin = lengths
@@ -280,14 +280,15 @@ def shrink_balls(begin, end, sign, lengths, tree, normals, samples, out):
 def shrink_apart(
     item, step, place, sign, lengths, tree, normals, samples, out, stack, hits, recent, names, known
 ):
-    """Find the ball `item * step`, whoever finds the others: what a GPU calls.
+    """Compute the ball `item * step` independently of the other balls, in one GPU thread.
 
-    First with a step of LEADERS; then with 1, where the others begin with the leaf that the leader
-    before them touches. `samples` tells the sample of each ball, `place` where each is in the tree.
+    The first launch has step GROUP_SIZE. In the second launch (step 1) the other balls of a group
+    start at the leaf that contains the second feature point of the first ball. `samples` holds the
+    sample of each ball, `place` the index of each sample in tree order.
     """
     ball, leaf = item * step, -1
     if step == 1:
-        leader = ball // LEADERS * LEADERS
+        leader = ball // GROUP_SIZE * GROUP_SIZE
         if leader == ball:
             return
         second = out.second[leader]

@@ -1,4 +1,4 @@
-"""Ball shrinking on a GPU: the tree stays there, balls come and go block by block."""
+"""Ball shrinking on a GPU: the tree is uploaded once, balls are computed in blocks."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from medialis.base.device import NEVER, on_gpu
+from medialis.base.device import UNMEASURED, on_gpu
 from medialis.base.progress import Progress
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from medialis.base.gpu import Session
 
 BALLS_A_BLOCK = 1 << 22
-"""A gigabyte of tangents and results."""
+"""Limits the memory of tangents and results to about 0.3 GB."""
 
 NAME = "skeleton._ball_kernels:shrink_apart"
 
@@ -25,16 +25,16 @@ def shrink_there(
     lengths: Any, begin: int, end: int, tree: BoxTree, sign: int, out: tuple[NDArray[Any], ...],
     tangents: Any, progress: Progress,
 ) -> bool:  # fmt: skip
-    """Shrink balls as `Shrinking.run` does, where a GPU is used; return whether it was."""
+    """Do the work of `Shrinking.run` on the GPU if one is used; return whether it was."""
     work = partial(_shrink, lengths, begin, end, tree, sign, out, tangents, progress)
-    return on_gpu(work, end - begin, NEVER, progress) is not None
+    return on_gpu(work, end - begin, UNMEASURED, progress) is not None
 
 
 def _shrink(
     lengths: Any, begin: int, end: int, tree: BoxTree, sign: int, out: tuple[NDArray[Any], ...],
     tangents: Any, progress: Progress, session: Session,
 ) -> bool:  # fmt: skip
-    from medialis.skeleton._ball_kernels import LEADERS, Columns
+    from medialis.skeleton._ball_kernels import GROUP_SIZE, Columns
 
     there, places = session.put((tree, tree.place))
     every = np.arange(len(tree.order), dtype=np.int32), tree.normals
@@ -42,9 +42,9 @@ def _shrink(
     for first in range(begin, end, BALLS_A_BLOCK):
         last = min(first + BALLS_A_BLOCK, end)
         rows = tree.order[first:last] if tangents is None else slice(first, last)
-        found = [np.ascontiguousarray(values[rows]) for values in out]  # those without a ball stay
+        found = [values[rows].copy() for values in out]  # kernels skip samples without a normal
         given = session.put((normals[first:last], samples[first:last], Columns(*found)))
-        for step in (LEADERS, 1):
+        for step in (GROUP_SIZE, 1):
             count = -(-(last - first) // step)
             session.launch(NAME, count, step, places, float(sign), lengths, there, *given)
         for values, columns, mine in zip(out, given[2], found, strict=True):

@@ -522,7 +522,7 @@ class Shrinking(NamedTuple):
         self, begin: int, end: int, tree: BoxTree, sign: int, out: Columns, progress: Progress,
         tangents: Any = None,
     ) -> None:  # fmt: skip
-        """Call `run` for whole chunks, on all threads, or do the same on a GPU."""
+        """Shrink the balls begin..end by `run` on all threads, or on a GPU."""
         from medialis.skeleton.balls_on_gpu import shrink_there
 
         given = tree, sign, out, tangents

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from medialis.base.arrays import along_space
-from medialis.base.device import NEVER, on_gpu
+from medialis.base.device import UNMEASURED, on_gpu
 from medialis.base.errors import InvalidOptionError, InvalidShapeError
 from medialis.base.kept import room
 from medialis.base.options import Options, algorithm, angle, changed, whole
@@ -364,7 +364,7 @@ def _match(
     """
     size, places = pairs[0][0].size, functools.partial(_places, packed, pairs, progress)
     large = functools.partial(places, max(GPU_PIXELS // size**2, BATCH // 2))
-    found = on_gpu(large, len(pairs), NEVER, progress)
+    found = on_gpu(large, len(pairs), UNMEASURED, progress)
     points = np.concatenate(found or places(BATCH // 2))
     pixel, most = max(first.pixel for first, _ in pairs), MOST_POINTS * size
     merged = run_patiently(lambda: merge_to(points, np.ones(len(points)), pixel, most), progress)
@@ -407,7 +407,7 @@ def _sharpen(
                 cull_and_sharpen(view, step, begin, end, *arrays)
 
         sharpen = functools.partial(sharpened, seen, points)
-        if moved := on_gpu(sharpen, len(points), NEVER, progress):
+        if moved := on_gpu(sharpen, len(points), UNMEASURED, progress):
             points, alive = moved
         else:
             run_chunks(work, len(points), POINTS_A_CHUNK, points, alive, progress=progress.still)
